@@ -39,6 +39,8 @@ const PART: f64 = 0.02;
 const PART_AGREES: f64 = 0.9;
 /// Agreement below which both disagree, though no transform is found.
 const DISAGREES: f64 = 0.12;
+/// Agreement below which they disagree where the mesh is visible.
+const PART_DISAGREES: f64 = 0.5;
 /// Shift, relative to the median distance, relative change of size, and turn in degrees from which a transform is
 /// reported.
 const SHIFTED: f64 = 0.1;
@@ -54,7 +56,7 @@ const MISSING: f64 = 0.03;
 /// Distance from the splats at which a mesh does not agree, as a share of the distance.
 const TOLERANCE: f64 = 0.05;
 
-/// What is compared.
+/// Place that is compared.
 #[derive(Debug, Clone, Copy)]
 pub struct Place<'a> {
     /// The splats, in the world.
@@ -71,7 +73,7 @@ pub struct Place<'a> {
     pub metre: f64,
 }
 
-/// What is likely in a wrong frame.
+/// Input that is likely in a wrong frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Likely {
     /// The mesh: the usual case, since splats and cameras come from one program.
@@ -91,7 +93,7 @@ pub struct Moved {
     pub turn_deg: f64,
     /// Distance by which the middle of the place moves, in world units; meaningful without a turn and a factor.
     pub shift: f64,
-    /// What is likely in a wrong frame.
+    /// Input that is likely in a wrong frame.
     pub likely: Likely,
 }
 
@@ -102,6 +104,8 @@ pub struct Comparison {
     pub points: usize,
     /// Mean agreement of the depths, 0 to 1; the directions in which surfaces face weigh about the same.
     pub agreement: f64,
+    /// Mean agreement at the points where the mesh is visible; 0 if it is nowhere.
+    pub known: f64,
     /// The place of the mesh at which it agrees best, if that is elsewhere.
     pub best: Option<Moved>,
     /// Parts of the mesh that float in front of what the splats show.
@@ -131,7 +135,7 @@ impl Comparison {
         if self.visible.is_some_and(|shares| shares.into_iter().all(|share| share < UNSEEN)) {
             return vec![Finding::Cameras];
         }
-        if self.best.is_some() || self.agreement < DISAGREES {
+        if self.best.is_some() || (self.agreement < DISAGREES && self.known < PART_DISAGREES) {
             return vec![Finding::Elsewhere];
         }
         let mut found = Vec::new();
@@ -204,6 +208,7 @@ fn by_views(
     Ok(Comparison {
         points: spots.list.len(),
         agreement: here.all,
+        known: here.known,
         best: best.map(|found| Moved { likely: likely(place, found.turn_deg, visible), ..found }),
         debris: regions::debris(sights, &depths, spots, TOLERANCE),
         missing: regions::missing(sights, &depths, spots, cloud.extents(), TOLERANCE),
@@ -223,7 +228,7 @@ fn by_centres(place: &Place<'_>, sights: &[Sight], cloud: &Cloud) -> Option<Comp
     let best = better.reduce(|best, other| if other.agreement > best.agreement { other } else { best });
     let best = best.map(|found| Moved { likely: likely(place, found.turn_deg, visible), ..found });
     let (debris, missing) = (Regions::default(), Regions::default());
-    Some(Comparison { points: spots.list.len(), agreement, best, debris, missing, visible })
+    Some(Comparison { points: spots.list.len(), agreement, known: agreement, best, debris, missing, visible })
 }
 
 /// Shares of the wanted views in which splats and mesh are visible.
@@ -254,7 +259,7 @@ impl Moved {
     }
 }
 
-/// What is likely in a wrong frame, given the shares of the wanted views that show splats and mesh.
+/// Input that is likely in a wrong frame, given the shares of the wanted views that show splats and mesh.
 fn likely(place: &Place<'_>, turn_deg: f64, visible: Option<[f64; 2]>) -> Likely {
     if visible.is_some_and(|[splats, mesh]| splats < UNSEEN && mesh >= 10.0 * UNSEEN) {
         return Likely::Splats;
