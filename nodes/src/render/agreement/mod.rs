@@ -34,6 +34,8 @@ const AGREES: f64 = 0.8;
 /// Minimum agreement of another place of the mesh for it to be reported, and minimum gain.
 const FOUND: f64 = 0.4;
 const GAIN: f64 = 0.12;
+/// Difference of agreements from which the larger one is better, whatever the transform.
+const SIMILAR: f64 = 0.06;
 /// Share of the points from which the mesh is a part of the place, and agreement there from which it is in its place.
 const PART: f64 = 0.02;
 const PART_AGREES: f64 = 0.9;
@@ -202,8 +204,7 @@ fn by_views(
         }
     }
     let is_better = |(found, gains): &(Moved, bool)| *gains && found.is_found(here.all, spots);
-    let better = tried.into_iter().filter(is_better).map(|(found, _)| found);
-    let best = better.reduce(|best, other| if other.agreement > best.agreement { other } else { best });
+    let best = simplest(tried.into_iter().filter(is_better).map(|(found, _)| found).collect());
     let visible = visible(sights, &depths);
     Ok(Comparison {
         points: spots.list.len(),
@@ -224,11 +225,20 @@ fn by_centres(place: &Place<'_>, sights: &[Sight], cloud: &Cloud) -> Option<Comp
     let fits = |at: Similarity| Placed { cloud, at }.agreement(&spots, 1, 1.0);
     let agreement = fits(Similarity::IDENTITY);
     let tried = search::anywhere(cloud, &spots).into_iter().map(|by| Moved::of(by, fits(by), &spots));
-    let better = tried.filter(|found| found.is_found(agreement, &spots));
-    let best = better.reduce(|best, other| if other.agreement > best.agreement { other } else { best });
+    let best = simplest(tried.filter(|found| found.is_found(agreement, &spots)).collect());
     let best = best.map(|found| Moved { likely: likely(place, found.turn_deg, visible), ..found });
     let (debris, missing) = (Regions::default(), Regions::default());
     Some(Comparison { points: spots.list.len(), agreement, known: agreement, best, debris, missing, visible })
+}
+
+/// The transform with the fewest parts among those that agree about as well as the best one.
+fn simplest(mut found: Vec<Moved>) -> Option<Moved> {
+    let most = found.iter().map(|one| one.agreement).fold(0.0, f64::max);
+    found.retain(|one| one.agreement >= most - SIMILAR);
+    found.sort_by(|a, b| {
+        search::parts(&a.by).cmp(&search::parts(&b.by)).then(b.agreement.total_cmp(&a.agreement))
+    });
+    found.into_iter().next()
 }
 
 /// Shares of the wanted views in which splats and mesh are visible.
@@ -273,7 +283,7 @@ fn likely(place: &Place<'_>, turn_deg: f64, visible: Option<[f64; 2]>) -> Likely
     };
     let mesh = stands(level::of_mesh(place.mesh, None));
     let splats = stands(level::of_splats(place.splats, None));
-    if mesh == Some(true) && splats == Some(false) { Likely::Splats } else { Likely::Mesh }
+    if splats == Some(false) && mesh != Some(false) { Likely::Splats } else { Likely::Mesh }
 }
 
 fn matrix(by: &Similarity) -> DMat4 {
