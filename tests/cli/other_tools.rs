@@ -92,19 +92,27 @@ fn three_hundred_views_do_not_ask_for_the_memory_of_all() {
 /// A mesh in metres that is read in centimetres is reported; a mesh that agrees with the splats is not.
 #[test]
 fn a_mesh_of_another_frame_is_reported() {
-    let reports = |place: &Place| {
+    let reports = |place: &Place| -> Vec<String> {
         let log = place.run(&[]).good();
-        log.events.iter().any(|event| event["event"] == "warning" && event["id"] == "mesh-elsewhere")
+        let is_one =
+            |event: &&serde_json::Value| event["event"] == "warning" && event["id"] == "mesh-elsewhere";
+        log.events.iter().filter(is_one).map(|event| event["text"].as_str().unwrap().to_owned()).collect()
     };
     let write = r#"
         write:  WriteMesh(mesh: "demo.proxy", path: "proxy.ply"),
         view:"#;
     let place = Place::new(&INSERT.replace("\n        view:", write));
-    assert!(!reports(&place));
+    assert_eq!(reports(&place), [""; 0]);
     let load = r#"
         small:  LoadMesh(path: "out/proxy.ply", matrix: Some((0.01, 0.0, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.0, 1.0))),
         view:"#;
     let receiver = |text: String| text.replace("receiver: \"demo.proxy\"", "receiver: \"small\"");
     place.write(&receiver(INSERT.replace("\n        view:", load)));
-    assert!(reports(&place));
+    let found = reports(&place);
+    assert!(
+        found.len() == 1 && found[0].contains("with the mesh scaled by 100.0 they agree to"),
+        "{found:?}"
+    );
+    // The loader has a matrix already, which the new one includes.
+    assert!(found[0].ends_with("set `matrix: Some((1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0))` on `small`"), "{found:?}");
 }

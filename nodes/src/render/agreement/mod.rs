@@ -40,13 +40,18 @@ const AGREES: f64 = 0.8;
 const FOUND: f64 = 0.4;
 /// Minimum increase of the agreement for the transform to be reported.
 const GAIN: f64 = 0.12;
-/// Minimum share of the points at which the mesh must be visible to count as a mesh of a part of the place.
+/// Difference of agreements from which the larger one is better, whatever the transform.
+const SIMILAR: f64 = 0.06;
+/// Share of the points from which the mesh is a part of the place, and agreement there from which it is in its place.
 const PART: f64 = 0.02;
 /// Minimum agreement at these points at which such a mesh counts as being in the frame of the splats.
 const PART_AGREES: f64 = 0.9;
 /// Agreement below which splats and mesh are reported even if no transform is found.
 const DISAGREES: f64 = 0.12;
-/// Minimum shift of a transform that is reported, as a share of the median distance of the points from the eye.
+/// Agreement below which they disagree where the mesh is visible.
+const PART_DISAGREES: f64 = 0.5;
+/// Shift, relative to the median distance, relative change of size, and turn in degrees from which a transform is
+/// reported.
 const SHIFTED: f64 = 0.1;
 /// Minimum relative change of scale of a transform that is reported.
 const SCALED: f64 = 0.06;
@@ -65,7 +70,7 @@ const MISSING: f64 = 0.03;
 /// missing, as a share of its distance from the eye.
 const TOLERANCE: f64 = 0.05;
 
-/// Input of a comparison.
+/// Place that is compared.
 #[derive(Debug, Clone, Copy)]
 pub struct Place<'a> {
     /// The splats, in the world.
@@ -82,7 +87,7 @@ pub struct Place<'a> {
     pub metre: f64,
 }
 
-/// The input that is probably in a wrong frame.
+/// Input that is likely in a wrong frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Likely {
     /// The mesh. This is the usual case, since splats and cameras come from one program.
@@ -102,7 +107,7 @@ pub struct Moved {
     pub turn_deg: f64,
     /// Distance by which the transform moves the middle of the place, in world units.
     pub shift: f64,
-    /// The input that is probably in a wrong frame.
+    /// Input that is likely in a wrong frame.
     pub likely: Likely,
 }
 
@@ -114,8 +119,9 @@ pub struct Comparison {
     /// Mean agreement of the depths, 0 to 1. It is weighted so that all directions in which surfaces face count
     /// about the same.
     pub agreement: f64,
-    /// The transform of the mesh with the best agreement; `None` if no transform is much
-    /// better than the identity.
+    /// Mean agreement at the points where the mesh is visible; 0 if it is nowhere.
+    pub known: f64,
+    /// The place of the mesh at which it agrees best, if that is elsewhere.
     pub best: Option<Moved>,
     /// Parts of the mesh that float in front of the surfaces that the splats show.
     pub debris: Regions,
@@ -145,7 +151,7 @@ impl Comparison {
         if self.visible.is_some_and(|shares| shares.into_iter().all(|share| share < UNSEEN)) {
             return vec![Finding::Cameras];
         }
-        if self.best.is_some() || self.agreement < DISAGREES {
+        if self.best.is_some() || (self.agreement < DISAGREES && self.known < PART_DISAGREES) {
             return vec![Finding::Elsewhere];
         }
         let mut found = Vec::new();
@@ -213,12 +219,12 @@ fn by_views(
         }
     }
     let is_better = |(found, gains): &(Moved, bool)| *gains && found.is_found(here.all, spots);
-    let better = tried.into_iter().filter(is_better).map(|(found, _)| found);
-    let best = better.reduce(|best, other| if other.agreement > best.agreement { other } else { best });
+    let best = simplest(tried.into_iter().filter(is_better).map(|(found, _)| found).collect());
     let visible = visible(sights, &depths);
     Ok(Comparison {
         points: spots.list.len(),
         agreement: here.all,
+        known: here.known,
         best: best.map(|found| Moved { likely: likely(place, found.turn_deg, visible), ..found }),
         debris: regions::debris(sights, &depths, spots, TOLERANCE),
         missing: regions::missing(sights, &depths, spots, cloud.extents(), TOLERANCE),
@@ -234,11 +240,20 @@ fn by_centres(place: &Place<'_>, sights: &[Sight], cloud: &Cloud) -> Option<Comp
     let fits = |at: Similarity| Placed { cloud, at }.agreement(&spots, 1, 1.0);
     let agreement = fits(Similarity::IDENTITY);
     let tried = search::anywhere(cloud, &spots).into_iter().map(|by| Moved::of(by, fits(by), &spots));
-    let better = tried.filter(|found| found.is_found(agreement, &spots));
-    let best = better.reduce(|best, other| if other.agreement > best.agreement { other } else { best });
+    let best = simplest(tried.filter(|found| found.is_found(agreement, &spots)).collect());
     let best = best.map(|found| Moved { likely: likely(place, found.turn_deg, visible), ..found });
     let (debris, missing) = (Regions::default(), Regions::default());
-    Some(Comparison { points: spots.list.len(), agreement, best, debris, missing, visible })
+    Some(Comparison { points: spots.list.len(), agreement, known: agreement, best, debris, missing, visible })
+}
+
+/// The transform with the fewest parts among those that agree about as well as the best one.
+fn simplest(mut found: Vec<Moved>) -> Option<Moved> {
+    let most = found.iter().map(|one| one.agreement).fold(0.0, f64::max);
+    found.retain(|one| one.agreement >= most - SIMILAR);
+    found.sort_by(|a, b| {
+        search::parts(&a.by).cmp(&search::parts(&b.by)).then(b.agreement.total_cmp(&a.agreement))
+    });
+    found.into_iter().next()
 }
 
 /// Share of the pixels of the wanted views that show splats, and share that show the mesh.
@@ -269,8 +284,7 @@ impl Moved {
     }
 }
 
-/// The input that is probably in a wrong frame. `visible` has the shares of the wanted views that show splats and
-/// mesh.
+/// Input that is likely in a wrong frame, given the shares of the wanted views that show splats and mesh.
 fn likely(place: &Place<'_>, turn_deg: f64, visible: Option<[f64; 2]>) -> Likely {
     if visible.is_some_and(|[splats, mesh]| splats < UNSEEN && mesh >= 10.0 * UNSEEN) {
         return Likely::Splats;
@@ -284,7 +298,7 @@ fn likely(place: &Place<'_>, turn_deg: f64, visible: Option<[f64; 2]>) -> Likely
     };
     let mesh = stands(level::of_mesh(place.mesh, None));
     let splats = stands(level::of_splats(place.splats, None));
-    if mesh == Some(true) && splats == Some(false) { Likely::Splats } else { Likely::Mesh }
+    if splats == Some(false) && mesh != Some(false) { Likely::Splats } else { Likely::Mesh }
 }
 
 fn matrix(by: &Similarity) -> DMat4 {

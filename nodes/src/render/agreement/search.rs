@@ -32,9 +32,8 @@ const ASIDE: f64 = 0.07;
 const CLIMBS: usize = 4;
 /// Number of transforms that are refined.
 const REFINED: usize = 8;
-/// Number of transforms that are returned.
-const BEST: usize = 3;
-/// Minimum share of the agreement that a simpler transform must keep.
+const BEST: usize = 5;
+/// Share of the agreement that a simpler transform must keep.
 const SIMPLER: f64 = 0.96;
 /// Scale factors between units of length, and other frequent scale factors.
 const UNITS: [f64; 13] =
@@ -178,6 +177,13 @@ fn simplest(cloud: &Cloud, spots: &Spots, found: Similarity) -> Similarity {
     simpler.extend(straight.map(|rotation| with(rotation, found.scale)));
     simpler.extend(unit.map(|scale| with(found.rotation, scale)));
     simpler.into_iter().find(|at| fits(*at) >= least).unwrap_or(found)
+}
+
+/// Number of parts of a transform: a turn that is not by quarters, a factor that is not one between units, a shift.
+pub(super) fn parts(by: &Similarity) -> usize {
+    let turned = !turns().contains(&by.rotation);
+    let scaled = !UNITS.contains(&by.scale);
+    [turned, scaled, by.offset != DVec3::ZERO].into_iter().filter(|part| *part).count()
 }
 
 #[cfg(test)]
