@@ -175,7 +175,7 @@ fn linear_light_has_no_ceiling() {
     assert!((linear_from_srgb(code) / 112.5 - 1.0).abs() < 1e-5, "{code}");
     assert_eq!(out.brackets.taken, Taken::Linear, "its codes are sRGB, whatever the curve of the panorama");
     let error = place.measure(pano(0), &["a.exr", "b.png"], &[-3.0, -6.0]).map(|_| ()).expect_err("differ");
-    assert!(error.to_string().contains("`b.png` display colours"), "{error}");
+    assert!(error.to_string().contains("`b.png` holds display colours"), "{error}");
 }
 
 /// Files that were swapped, or taken elsewhere, are detected by comparison with the panorama. This test fails if
