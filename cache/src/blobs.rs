@@ -17,7 +17,8 @@ use crate::settings::{Fsync, Incident, lock};
 use crate::stamp::same_file;
 use crate::temp::{TempFile, sync_folder};
 
-/// Blobs shorter than this, in bytes, are stored in the log: a file would cost more time and space than its content.
+/// Minimum length in bytes of a blob that is stored as a separate file. Shorter blobs are stored in the log, since
+/// a file would cost more time and space than its content.
 pub(crate) const SMALL: usize = 4096;
 
 const DAY: Duration = Duration::from_secs(24 * 60 * 60);
@@ -83,7 +84,7 @@ impl Blobs {
         }
     }
 
-    /// True if a blob exists; it is verified only when it is read.
+    /// True if a blob with this digest is stored. Its content is not verified.
     pub fn has(&self, digest: &Digest) -> bool {
         match self {
             Blobs::Nowhere => false,
@@ -92,7 +93,8 @@ impl Blobs {
         }
     }
 
-    /// Rewrites the log of small blobs if much of it is dead or damaged, and its index if it lacks many entries.
+    /// Rewrites the log of small blobs if it is damaged or contains mostly dead entries. Rewrites the index of the
+    /// log if many entries are missing from it.
     pub fn tidy(&self) -> Result<()> {
         let Blobs::Disk(disk) = self else { return Ok(()) };
         let mut small = lock(&disk.small);
@@ -237,8 +239,8 @@ impl Disk {
         Ok(None)
     }
 
-    /// Sets the modification time of a blob's file to the present, at most once a day. It serves as the time of
-    /// last use.
+    /// Sets the modification time of a blob's file to the present, at most once a day. A collection takes this time
+    /// as the last use of the blob.
     fn mark_used(&self, path: &Path, read: &Metadata) {
         let now = SystemTime::now();
         let fresh = read.modified().is_ok_and(|time| now.duration_since(time).is_ok_and(|past| past < DAY));
@@ -295,7 +297,7 @@ impl Disk {
     }
 
     /// Moves a damaged blob to the quarantine. If that fails, removes it or, failing that, marks it as damaged in
-    /// memory. Returns the action taken, in words.
+    /// memory. Returns a description of the damage, given by `what`, and of the action taken.
     fn quarantine(&self, digest: &Digest, path: &Path, what: &str) -> Result<Incident> {
         reach(failpoint::QUARANTINE_BEFORE).at("quarantine", path)?;
         let aside = self.settings.quarantine.join(digest.to_string());
@@ -328,7 +330,8 @@ impl Disk {
         act(small.insert(log))
     }
 
-    /// The file of a blob. The first two digits name a folder, so that no folder has too many entries.
+    /// The path of a blob's file. The first two digits of the digest name the folder, so that no folder has too
+    /// many entries.
     fn path(&self, digest: &Digest) -> PathBuf {
         let name = digest.to_string();
         self.root.join("blobs").join(&name[..2]).join(name)
@@ -345,8 +348,8 @@ fn read_file(path: &Path) -> io::Result<(Vec<u8>, Metadata)> {
     Ok((bytes, metadata))
 }
 
-/// True if reading failed because this process lacks memory, file handles or permission, and not because of what is on
-/// the disk.
+/// True if reading failed because this process lacks memory, file handles or permission, and not because the stored
+/// data are damaged.
 fn is_own_failure(error: &io::Error) -> bool {
     // EMFILE and ENFILE, which have no stable `ErrorKind`.
     let no_handles = cfg!(unix) && matches!(error.raw_os_error(), Some(23 | 24));

@@ -1,4 +1,4 @@
-//! [`Error`]: the reason why an operation on a cache folder failed, always with the operation and the path.
+//! [`Error`]: the error of an operation on a cache folder. It always names the operation and the path.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -27,7 +27,7 @@ pub enum Error {
         /// The error of the system.
         source: io::Error,
     },
-    /// The record is longer than an entry of the log may be.
+    /// A record is too long to be stored as an entry of the log.
     #[error("a record of {length} bytes is larger than the limit of {limit} bytes")]
     RecordTooLarge {
         /// Length of the record in bytes.
@@ -79,7 +79,7 @@ fn no_room(source: &io::Error) -> &'static str {
     }
 }
 
-/// Extension of results that adds the operation and the path to an error of the system.
+/// Extension trait for I/O results. It adds the operation and the path to the error.
 pub(crate) trait At<T> {
     /// Adds `path` and `operation`, a verb that can be followed by a path.
     fn at(self, operation: &'static str, path: &Path) -> Result<T>;

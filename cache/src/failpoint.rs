@@ -87,7 +87,7 @@ pub(crate) const PUBLISH: FilePoints = file_points!("publish");
 pub(crate) const PUBLISH_SYNCED: &str = "publish.folder-synced";
 
 pub(crate) const APPEND_BEFORE: &str = "append.before";
-/// The place where half of an appended entry is in the file.
+/// The place at which half of the bytes of an entry have been appended.
 pub(crate) const APPEND_MIDDLE: &str = "append.middle";
 pub(crate) const APPEND_AFTER: &str = "append.after";
 pub(crate) const FLUSH_BEFORE: &str = "flush.before";
