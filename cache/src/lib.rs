@@ -23,7 +23,7 @@
 //!   [`Fsync`]), but never makes a read return wrong data.
 //! - Processes may start, stop and be killed at any time: no lock ever has to be removed by hand, and no repair has
 //!   to be run.
-//! - Damage affects only the blob or record that contains it, is reported once as an [`Incident`], and is then removed.
+//! - Damage affects only the blob or record that contains it. It is reported once as an [`Incident`] and then removed.
 //! - Anything of the wrong type at the path of a file or folder of the cache is moved to the quarantine. Nothing is
 //!   created at the target of a dangling link.
 //!
@@ -64,26 +64,30 @@
 //!        row by row, the lengths of name and value, 4 bytes each, then the name and the value
 //! ```
 //! The last entry of a kind and key is valid. Compaction also keeps the last entry of each key of an unknown kind,
-//! unchanged. Bytes of a log are never changed or cut off. Between complete entries there may be damage, and incomplete
-//! entries that a killed writer or a full disk left. A reader then searches for the start of the next complete entry.
-//! Bytes after the last entry may belong to an entry that is still being written, and are read again later.
+//! unchanged. Bytes of a log are never changed or cut off. Between complete entries there may be damage, and
+//! incomplete entries that a killed writer or a full disk left. A reader then searches for the start of the next
+//! complete entry. Bytes after the last entry may belong to an entry that is still being written, and are read
+//! again later.
 //!
-//! The **index** of a log contains the locations of its entries, so that opening reads only what was appended since. It
-//! consists of pages of 4096 bytes, each ending with the CRC-32 of the rest, started from the log's salt xor the number
-//! of the page. Page 0 starts with `LHindex1` and five numbers of 8 bytes: the number of bytes of the log that are
-//! indexed, the number of entries, and the numbers of live, dead and damaged bytes. It is followed by the first 8 bytes of
-//! the first key of each page of entries, as numbers, 511 per page, and then by the pages of entries, 85 per page, sorted
-//! by key and then kind: key, offset after the log's head (8), length of the payload (4), kind (1), three zeros. An entry
-//! is verified when it is read; if it does not match the index, the index is discarded and the whole log is read.
+//! The **index** of a log contains the locations of its entries, so that opening the log reads only what was
+//! appended after the index was written. The index consists of pages of 4096 bytes. Each page ends with the CRC-32
+//! of its other bytes, started from the log's salt XOR the number of the page. Page 0 starts with `LHindex1` and
+//! five numbers of 8 bytes: the number of bytes of the log that are indexed, the number of entries, and the numbers
+//! of live, dead and damaged bytes. It is followed by the directory: for each page of entries, the first 8 bytes of
+//! its first key as a number, 511 per page. Then follow the pages of entries, 85 per page, sorted by key and then
+//! by kind. An entry consists of the key (32), the offset after the log's head (8), the length of the payload (4),
+//! the kind (1) and three zero bytes. Entries are verified when they are read. If one does not match the index, the
+//! index is discarded and the whole log is read.
 //!
-//! A writer locks `.lock` (flock, exclusive), reads what others appended, and appends. Readers hold a shared lock while
-//! they read what was appended, unless they would have to wait for the lock. Compaction writes a new log under the lock and renames it over
-//! the old one; other processes detect that by the identity of the file. A writer that does not get the lock within two
-//! seconds appends without it, and repeats this if the log was replaced in the meantime. Where locks do not work there is no
-//! compaction, and appends are single writes at the end of the file.
+//! A writer locks `.lock` (flock, exclusive), reads what others appended, and appends. A reader holds a shared lock
+//! while it reads what was appended, unless it would have to wait for the lock. Compaction writes a new log under
+//! the lock and renames it over the old log. Other processes detect this by the identity of the file. A writer that
+//! does not get the lock within two seconds appends without it, and appends again if the log was replaced in the
+//! meantime. Where locks do not work there is no compaction, and appends are single writes at the end of the file.
 //!
-//! The holder of a lease sets the time of its file every second. Other processes do not wait for a holder that has
-//! not done so for ten seconds, but compute the key themselves. This is safe, since equal keys give equal bytes.
+//! The holder of a lease sets the modification time of the lease file every second. Other processes do not wait for
+//! a holder that has not done so for ten seconds, but compute the key themselves. This is safe, since equal keys
+//! give equal bytes.
 #![cfg_attr(test, allow(clippy::unwrap_used, reason = "a test may panic"))]
 
 mod blobs;
