@@ -1,4 +1,4 @@
-//! The sizes of the transformer, derived from its file.
+//! The sizes of the transformer, derived from its weights file.
 
 use std::path::Path;
 
@@ -13,19 +13,20 @@ use super::source::Source;
 pub struct Config {
     /// Number of channels of a token within the network.
     pub hidden: usize,
-    /// Number of heads of attention; each has `hidden / heads` channels.
+    /// Number of attention heads. Each head has `hidden / heads` channels.
     pub heads: usize,
     /// Width of the hidden layer of each perceptron.
     pub mlp: usize,
-    /// Number of channels of a token of the picture, which represents four latent pixels.
+    /// Number of channels of a picture token. A token represents four latent pixels.
     pub in_channels: usize,
-    /// Number of channels of a token of text.
+    /// Number of channels of a text token.
     pub context: usize,
     /// Length of the vector that represents the text as a whole.
     pub pooled: usize,
     /// Length of the embedding of a noise level.
     pub time: usize,
-    /// Numbers of channels of a head that encode the frame, the row and the column of a token; all even.
+    /// Number of channels of a head that encode the frame, the row and the column of a token, respectively. All
+    /// three are even.
     pub axes: [usize; 3],
     /// True if the strength of guidance is an input of the network.
     pub guidance: bool,
@@ -49,7 +50,7 @@ struct File {
     pooled_projection_dim: usize,
 }
 
-/// Maximum number of blocks of each kind that are counted.
+/// Maximum number of blocks of each kind that are looked for in a file.
 const MAX_BLOCKS: usize = 1000;
 
 impl Config {
@@ -75,10 +76,10 @@ impl Config {
         self.hidden / self.heads
     }
 
-    /// Derives the layout and the sizes from the shapes in the headers. The headers do not contain
-    /// [`axes`](Self::axes), which are read from the `config.json` next to the file; it must agree with the
-    /// headers. Without a `config.json`, the axes of the published model are used, which fit only heads of its
-    /// length.
+    /// Derives the layout and the sizes from the shapes in the headers. Only [`axes`](Self::axes) are not in the
+    /// headers: they are read from the `config.json` next to the file, which must agree with the headers. Without a
+    /// `config.json`, the axes of the published model are used, which are possible only if the heads are as long as
+    /// in that model.
     pub fn of(source: &Source) -> Result<(Layout, Self)> {
         let layout = ["", "model.diffusion_model."]
             .into_iter()
@@ -159,8 +160,8 @@ impl Config {
         Ok(())
     }
 
-    /// The axes in the `config.json` next to `file`; `None` if there is no `config.json` or it does not describe a
-    /// transformer.
+    /// Reads the axes from the `config.json` next to `file`. Returns `None` if there is no `config.json`, or if it
+    /// does not describe a transformer.
     fn beside(&self, file: &Path) -> Result<Option<[usize; 3]>> {
         let path = file.with_file_name("config.json");
         let Ok(text) = std::fs::read(&path) else { return Ok(None) };

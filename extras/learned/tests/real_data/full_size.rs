@@ -1,5 +1,5 @@
-//! Tests with the keys of the published model: every key of its files is used, and the memory estimate is correct. The
-//! files are sparse, with a header only, and no weight is read.
+//! Tests with the keys of the published model: every key of its files is used, and the memory estimate is correct.
+//! The test files are sparse and contain only headers, and no weights are read.
 
 use std::fs::File;
 use std::io::{Seek, Write};
@@ -9,7 +9,7 @@ use learned::flux::{Config, Error, Memory, Source, Tally, Transformer, VaeConfig
 
 use crate::fixture;
 
-/// The dimension of the large model that corresponds to a dimension of the small one.
+/// The size of an axis in the published model that corresponds to the size `size` in the small test model.
 fn grown(key: &str, size: usize) -> usize {
     match size {
         32 => 3072,
@@ -27,7 +27,8 @@ fn grown(key: &str, size: usize) -> usize {
     }
 }
 
-/// The keys of the small model's file, with its blocks repeated and with the shapes of the large model.
+/// The keys and shapes of the published model. They are derived from a file of the small model: its blocks are
+/// repeated, and its sizes replaced.
 fn keys(file: &str) -> Vec<(String, Vec<usize>)> {
     let small = Source::open(&fixture().join(file)).unwrap();
     let mut list = Vec::new();
@@ -67,7 +68,8 @@ fn safetensors(path: &Path, keys: &[(String, Vec<usize>)]) {
     file.set_len((8 + text.len() + start) as u64).unwrap();
 }
 
-/// A GGUF file with matrices of four bits per weight and the rest in f32, as the converters write it.
+/// Writes a GGUF file with matrices of four bits per weight and all other tensors in f32, like the files of the
+/// usual converters.
 fn gguf(path: &Path, keys: &[(String, Vec<usize>)]) {
     let mut file = File::create(path).unwrap();
     let mut put = |bytes: &[u8]| file.write_all(bytes).unwrap();
