@@ -1,4 +1,4 @@
-//! Work that a run skips if a check finds that the scene does not need it, and the findings of these checks.
+//! Work that a run skips if a check finds that the scene does not need it, and the results of these checks.
 
 use std::collections::BTreeSet;
 
@@ -11,29 +11,29 @@ use crate::plot::tick_text;
 struct Skip {
     what: &'static str,
     check: &'static str,
-    /// Name of the setting that forces the work.
+    /// How to force the work, in words.
     force: &'static str,
     /// Names of the kinds that perform the check.
     kinds: &'static [&'static str],
-    /// Function that returns whether the work was skipped, and the finding of the check; `None` if the node did not
-    /// make the check.
+    /// Function that returns whether the work was skipped, and the result of the check in words. Returns `None` if
+    /// the node did not perform the check.
     judge: fn(&Evidence<'_>) -> Option<(bool, String)>,
 }
 
-/// The finding of a check at a node.
+/// The result of a check.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LeftOut {
-    /// Description of the work that is skipped unless a check requires it.
+    /// Description of the work that is skipped if the check finds it unnecessary.
     pub what: &'static str,
-    /// Names of the nodes; nodes with the same finding are listed together.
+    /// Names of the nodes with this result.
     pub nodes: Vec<String>,
     /// True if the work was skipped; `None` if there was nothing to check.
     pub left_out: Option<bool>,
-    /// The finding of the check.
+    /// The result of the check, in words.
     pub found: String,
     /// Description of the check.
     pub check: &'static str,
-    /// Name of the setting that forces the work.
+    /// How to force the work, in words.
     pub force: &'static str,
 }
 
@@ -52,7 +52,7 @@ impl Evidence<'_> {
         self.node.counts.get(name).copied().unwrap_or_default()
     }
 
-    /// The cells of a column of a table in the node's own reports.
+    /// The cells of the column `column` of the table `table` in the reports of this node.
     fn column(&self, table: &str, column: &str) -> Vec<&Cell> {
         let own = |(name, _): &&(String, Report)| {
             name.strip_prefix(&self.node.id).is_some_and(|rest| rest.starts_with('.'))
@@ -65,7 +65,7 @@ impl Evidence<'_> {
         cells.collect()
     }
 
-    /// The value of a name in a table with the columns `what` and `value`.
+    /// The value of the row `name` in a table with the columns `what` and `value`.
     fn value(&self, table: &str, name: &str) -> Option<String> {
         let names = self.column(table, "what").into_iter().zip(self.column(table, "value"));
         names.into_iter().find_map(|(what, value)| match (what, value) {
@@ -180,8 +180,7 @@ const SKIPS: [Skip; 8] = [
     },
 ];
 
-/// Lists the findings of all checks, in the order of `docs/trade.md`. Checks that no node of the run made are
-/// included.
+/// Lists the results of all checks, in the order of `docs/trade.md`. A check that no node performed is listed, too.
 pub fn left_out(nodes: &[NodeCost], reports: &[(String, Report)]) -> Vec<LeftOut> {
     let mut all: Vec<LeftOut> = Vec::new();
     for Skip { what, check, force, kinds, judge } in SKIPS {
@@ -203,7 +202,7 @@ pub fn left_out(nodes: &[NodeCost], reports: &[(String, Report)]) -> Vec<LeftOut
     all
 }
 
-/// The finding about results that several values of an axis share.
+/// Reports how many results several values of an axis share, in the same form as a check.
 fn frames(nodes: &[NodeCost]) -> LeftOut {
     let varying = || nodes.iter().filter(|node| node.varies);
     let keys: BTreeSet<_> = varying().filter_map(|node| node.key).collect();
@@ -297,8 +296,8 @@ mod tests {
         assert_eq!(judged(&[trace], &reports)[5], (Some(true), "sheen, brush".to_owned()));
     }
 
-    // An open scene under distant light needs no near light, no matter whether `Open` was chosen or set. This test
-    // fails if every choice counts as `Open`.
+    // An open scene under distant light needs no near light, whether `Open` was chosen by the node or set by the
+    // user. This test fails if every choice counts as `Open`.
     #[test]
     fn an_open_scene_needs_no_near_light() {
         let row = |decided: &str, why: Option<&str>| {

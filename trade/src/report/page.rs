@@ -1,4 +1,4 @@
-//! The HTML page of `report`.
+//! The HTML page of the subcommand `report`.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -68,7 +68,7 @@ pub fn page(bench: &Bench<'_>, metric: &Metric, measured: &Measured) -> Result<P
     Ok(page)
 }
 
-/// Adds the most important values to the page.
+/// Adds the most important values to the top of the page.
 fn facts(page: &mut Page, bench: &Bench<'_>, metric: &Metric, now: usize, attributions: &[Attribution]) {
     let point = &bench.points[now];
     let worst = point.nodes.iter().flat_map(|node| &node.notes).map(|note| note.level).max();
