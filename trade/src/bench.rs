@@ -82,7 +82,7 @@ pub struct Bench<'e> {
     targets: Vec<usize>,
     /// The knobs of the graph, and other fields that are set by the graph's own presets.
     pub tunables: Vec<Tunable>,
-    /// Names of the pictures that are not judged because no knob affects them.
+    /// Names of the pictures that are not judged.
     pub unjudged: Vec<String>,
     /// Remarks for the user, for example about pictures that are left out.
     pub remarks: Vec<String>,
