@@ -223,7 +223,9 @@ impl Disk {
                 self.mark_used(&path, &read);
                 return Ok(Some(bytes));
             }
-            Ok((bytes, read)) => (Some(read), format!("{} bytes with another digest", bytes.len())),
+            Ok((bytes, read)) => {
+                (Some(read), format!("the content ({} bytes) does not match the digest", bytes.len()))
+            }
             Err(error) if error.kind() == io::ErrorKind::NotFound => {
                 self.with_small(Log::refresh)?;
                 return self.get_small(digest, &report);
@@ -257,7 +259,7 @@ impl Disk {
                 log.drop_entry(KIND, digest);
                 report(Incident {
                     digest: Some(*digest),
-                    what: "it was in the log of small blobs; removed".to_owned(),
+                    what: "its entry in the log of small blobs does not match the digest; removed".to_owned(),
                 });
                 Ok(None)
             }
@@ -314,10 +316,7 @@ impl Disk {
             "ignored".to_owned()
         };
         reach(failpoint::QUARANTINE_AFTER).at("quarantine", path)?;
-        Ok(Incident {
-            digest: Some(*digest),
-            what: format!("{} contained {what}; {outcome}", path.display()),
-        })
+        Ok(Incident { digest: Some(*digest), what: format!("{}: {what}; {outcome}", path.display()) })
     }
 
     /// Calls `act` with the log of small blobs, which is opened if necessary.

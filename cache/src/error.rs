@@ -36,7 +36,7 @@ pub enum Error {
         limit: usize,
     },
     /// The collection waited for active runs, but they did not end in time.
-    #[error("the cache is in use: a run is active, and did not end within {} s", waited.as_secs())]
+    #[error("the cache is in use: a run is active and did not end within {} s", waited.as_secs())]
     InUse {
         /// Time that the collection waited.
         waited: std::time::Duration,

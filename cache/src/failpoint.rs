@@ -154,7 +154,9 @@ mod active {
         }
         match armed.effect {
             Effect::Abort => std::process::abort(),
-            Effect::Error(kind) => Err(io::Error::new(kind, format!("injected at {name}"))),
+            Effect::Error(kind) => {
+                Err(io::Error::new(kind, format!("simulated error at the failpoint `{name}`")))
+            }
         }
     }
 }

@@ -31,7 +31,7 @@ const MAX_PENDING_MEMOS: usize = 4096;
 const MAX_VALUE: usize = 64 << 10;
 
 /// Marks a run as active until it is dropped; see [`Store::begin_run`].
-#[must_use = "the run is over when this is dropped"]
+#[must_use = "the run counts as ended when this is dropped"]
 pub struct Running(#[allow(dead_code, reason = "held until dropped")] Option<FileGuard>);
 
 /// Blobs, records, memos, history and leases in one folder, which any number of threads and processes can share.
@@ -64,7 +64,7 @@ impl Store {
     pub fn open(folder: &Path, options: Options) -> Result<Store> {
         let reading = |why: String| Store::open_as(folder, options.fsync, Some(why));
         if options.read_only {
-            return reading("it was opened for reading".to_owned());
+            return reading("it was opened as read-only".to_owned());
         }
         match Store::open_as(folder, options.fsync, None) {
             // Stored results can still be read.
@@ -192,7 +192,9 @@ impl Store {
     fn report_damage(&self, records: &mut Log) {
         let damaged = records.take_damaged();
         if damaged > 0 {
-            let what = format!("{damaged} damaged bytes in the cache's records were skipped");
+            let what = format!(
+                "the cache's log of records contains damaged data, which was skipped (bytes: {damaged})"
+            );
             self.report(Incident { digest: None, what });
         }
     }

@@ -280,7 +280,7 @@ impl<'e> Bench<'e> {
             .filter(|(tunable, at)| tunable.now != **at)
             .map(|(tunable, at)| format!("{}.{}={}", tunable.node, tunable.parameter, tunable.values[*at]))
             .collect();
-        if changed.is_empty() { "as it is".to_owned() } else { changed.join(" ") }
+        if changed.is_empty() { "current settings".to_owned() } else { changed.join(" ") }
     }
 
     /// Parses the graph with an assignment applied to it.

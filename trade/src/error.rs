@@ -51,7 +51,7 @@ pub enum Error {
         needs: &'static str,
     },
     /// The graph cannot be measured at a setting.
-    #[error("the graph cannot be measured with the setting {setting}:\n{why}")]
+    #[error("the graph cannot be measured with the setting `{setting}`:\n{why}")]
     Setting {
         /// The name of the setting.
         setting: String,

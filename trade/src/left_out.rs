@@ -86,7 +86,7 @@ const SKIPS: [Skip; 8] = [
         kinds: &["predict-exposure"],
         judge: |seen| {
             let text = match seen.column("prediction", "clipped pixels").first() {
-                Some(Cell::Count(n)) => format!("{n} clipped pixels"),
+                Some(Cell::Count(n)) => format!("clipped pixels: {n}"),
                 _ => return None,
             };
             Some((seen.note("nothing-clipped").is_some(), text))
@@ -106,7 +106,7 @@ const SKIPS: [Skip; 8] = [
     },
     Skip {
         what: "the second render where objects hardly change the light",
-        check: "an upper bound of the light that they block, emit and reflect",
+        check: "an upper bound on the light that objects block, emit and reflect",
         force: "`crop: 0`",
         kinds: TRACE,
         judge: |seen| match seen.note("cropped") {
@@ -130,18 +130,18 @@ const SKIPS: [Skip; 8] = [
     },
     Skip {
         what: "spherical harmonics above degree 0, and view directions for them",
-        check: "the degree of the scene, and `sh_degree`",
+        check: "the degree of the spherical harmonics of the scene, and `sh_degree`",
         force: "`--exhaustive`",
         kinds: SPLATS,
         judge: |seen| {
             let [directed, projected] = ["splats_directed", "splats_projected"].map(|name| seen.count(name));
-            let text = format!("{} of {} splats need them", directed, projected);
+            let text = format!("splats that need them: {} of {}", directed, projected);
             (projected > 0).then_some((directed == 0, text))
         },
     },
     Skip {
         what: "lobes that no material has",
-        check: "the strength of each lobe, after its texture",
+        check: "the strength of each lobe, with its texture applied",
         force: "`--exhaustive`",
         kinds: TRACE,
         judge: |seen| {
@@ -155,25 +155,25 @@ const SKIPS: [Skip; 8] = [
     },
     Skip {
         what: "blocks of splats that no picture can show",
-        check: "a box around the centres and longest axes of the splats",
+        check: "a box around the centres and longest axes of the splats of a block",
         force: "`--exhaustive`",
         kinds: SPLATS,
         judge: |seen| {
             let [skipped, visited] = ["splats_skipped", "splats_visited"].map(|name| seen.count(name));
             let all = (skipped + visited) as f64;
-            let text = format!("{:.0} % of {}", 100.0 * skipped as f64 / all.max(1.0), tick_text(all));
+            let text = format!("{:.0} % of {} splats", 100.0 * skipped as f64 / all.max(1.0), tick_text(all));
             (all > 0.0).then_some((skipped > 0, text))
         },
     },
     Skip {
         what: "pixels of the panorama that do not affect the picture",
-        check: "the width in texels of the smoothest lobe and of the smallest light",
+        check: "the widths of the smoothest lobe and of the smallest light, in texels",
         force: "`skip_fine: false` of `fit-probe`; without a `fit-probe`, `width_px` and `size_px` decide",
         kinds: &["fit-probe", "path-trace"],
         judge: |seen| match seen.note("probe-size") {
             Some(text) => Some((text.contains("instead of"), text.to_owned())),
             None => {
-                let text = seen.note("finer-than-needed").unwrap_or("all of them are needed");
+                let text = seen.note("finer-than-needed").unwrap_or("all pixels are needed");
                 Some((false, text.to_owned()))
             }
         },
@@ -195,7 +195,11 @@ pub fn left_out(nodes: &[NodeCost], reports: &[(String, Report)]) -> Vec<LeftOut
             }
         }
         if all.len() == start {
-            all.push(row(Vec::new(), None, format!("no {} reported it", kinds.join(" or "))));
+            all.push(row(
+                Vec::new(),
+                None,
+                format!("no node of the kind {} performed the check", kinds.join(" or ")),
+            ));
         }
     }
     all.push(frames(nodes));
@@ -212,7 +216,7 @@ fn frames(nodes: &[NodeCost]) -> LeftOut {
         "no axis: there is one frame".to_owned()
     } else {
         format!(
-            "{fixed} nodes do not vary along an axis; of the {all} others, {equal} have the same key as another one"
+            "nodes that do not vary along an axis: {fixed}; other nodes: {all}, of which {equal} share the key of another node"
         )
     };
     LeftOut {
@@ -262,7 +266,7 @@ mod tests {
         let rows = left_out(&[], &[]);
         assert_eq!(rows.len(), SKIPS.len() + 1);
         assert!(rows.iter().all(|row| row.left_out.is_none() && !row.force.is_empty()));
-        assert_eq!(rows[0].found, "no predict-exposure reported it");
+        assert_eq!(rows[0].found, "no node of the kind predict-exposure performed the check");
     }
 
     #[test]
@@ -271,7 +275,7 @@ mod tests {
         let clipped =
             |n| table("prediction", &["method", "clipped pixels"], vec![Cell::Missing, Cell::Count(n)]);
         let reports = |n| [("darker.report".to_owned(), clipped(9)), ("dark.report".to_owned(), clipped(n))];
-        assert_eq!(judged(&[dark.clone()], &reports(7))[0], (Some(false), "7 clipped pixels".to_owned()));
+        assert_eq!(judged(&[dark.clone()], &reports(7))[0], (Some(false), "clipped pixels: 7".to_owned()));
         dark.notes.push(note("nothing-clipped", "no pixel"));
         assert_eq!(judged(&[dark], &reports(0))[0].0, Some(true));
 
@@ -286,8 +290,11 @@ mod tests {
         let view = NodeCost { id: "view".to_owned(), ..faces.clone() };
         let rows = left_out(&[faces, view], &[]);
         assert_eq!(rows[4].nodes, ["faces", "view"], "what found the same stands together");
-        assert_eq!((rows[4].left_out, rows[4].found.as_str()), (Some(true), "0 of 10 splats need them"));
-        assert_eq!((rows[6].left_out, rows[6].found.as_str()), (Some(true), "70 % of 100"));
+        assert_eq!(
+            (rows[4].left_out, rows[4].found.as_str()),
+            (Some(true), "splats that need them: 0 of 10")
+        );
+        assert_eq!((rows[6].left_out, rows[6].found.as_str()), (Some(true), "70 % of 100 splats"));
 
         let trace = node("trace", "path-trace");
         let lobes =
@@ -322,7 +329,7 @@ mod tests {
         fit.notes.push(note("probe-size", text));
         let rows = judged(&[fit.clone(), trace], &[]);
         assert_eq!(rows[rows.len() - 3], (Some(true), text.to_owned()));
-        assert_eq!(rows[rows.len() - 2], (Some(false), "all of them are needed".to_owned()));
+        assert_eq!(rows[rows.len() - 2], (Some(false), "all pixels are needed".to_owned()));
         fit.notes[0].text =
             "views of 64 px would be enough; they keep 512 because of `skip_fine: false`".to_owned();
         let rows = judged(&[fit], &[]);
@@ -342,7 +349,7 @@ mod tests {
         assert_eq!(found.left_out, Some(true));
         assert_eq!(
             found.found,
-            "1 nodes do not vary along an axis; of the 3 others, 1 have the same key as another one"
+            "nodes that do not vary along an axis: 1; other nodes: 3, of which 1 share the key of another node"
         );
     }
 }

@@ -29,7 +29,7 @@ enum Of {
 const REGIONS: [&str; 4] = ["whole", "touched", "object", "shadow"];
 
 /// Description of the prefixes that select a region, for error messages.
-const IN_FRONT: &str = "optionally with the prefix `touched.` for the pixels that the object changes, `object.` for those that it covers, or `shadow.` for the others that it changes";
+const IN_FRONT: &str = "optionally with the prefix `touched.` for the pixels that the object changes, `object.` for those that it covers, or `shadow.` for all other pixels that it changes";
 
 /// The name of each metric, and how it is computed.
 const METRICS: [(&str, Of); 7] = [
@@ -102,7 +102,7 @@ impl Metric {
     pub fn needs(&self) -> &'static str {
         match (self.region, self.of) {
             ("touched" | "object" | "shadow", _) => {
-                "a composite with a background, and an object that some view shows"
+                "a `composite` with a background, and an object that is visible in at least one view"
             }
             (_, Of::Rmse | Of::Psnr) => "pictures whose values are finite",
             _ => "pictures of colours, not of data",

@@ -162,7 +162,7 @@ impl Tuned {
         {
             text.push_str(&format!("; {}", none_below_half(&wanted.metric, half)));
         }
-        format!("{text}; {} settings measured: {}", self.tried.len(), self.ended(stopped))
+        format!("{text}; settings measured: {}; {}", self.tried.len(), self.ended(stopped))
     }
 
     /// Describes the setting that is nearest to the goal, if no setting reaches the goal.
@@ -262,7 +262,7 @@ fn none_below_half(metric: &Metric, half: &Below) -> String {
         Some(_) if !half.complete => {
             let (count, least) = (half.all.len(), metric.shown(least));
             format!(
-                "of {count} settings measured below half of that cost, none reaches the goal (smallest error {least}); a larger `--budget` would measure more of them"
+                "no measured setting below half of that cost reaches the goal (settings: {count}, smallest error: {least}); a larger `--budget` would measure more of them"
             )
         }
         None if !half.complete => {
@@ -272,7 +272,7 @@ fn none_below_half(metric: &Metric, half: &Below) -> String {
         Some(_) => {
             let (count, least) = (half.all.len(), metric.shown(least));
             format!(
-                "of {count} settings found below half of that cost, none reaches the goal (smallest error {least})"
+                "no setting below half of that cost reaches the goal (settings: {count}, smallest error: {least})"
             )
         }
         None => {
@@ -283,8 +283,9 @@ fn none_below_half(metric: &Metric, half: &Below) -> String {
         }
     };
     let (most, pairs) = (100.0 * half.saved.most, half.saved.pairs);
-    let saved =
-        format!("in {pairs} pairs of measured settings, raising knobs saved at most {most:.1} % of the cost");
+    let saved = format!(
+        "raising knobs saved at most {most:.1} % of the cost in the measured pairs of settings ({pairs})"
+    );
     if half.complete {
         let margin = 100.0 * half.margin;
         format!(

@@ -86,7 +86,7 @@ impl Log {
                 return Ok(());
             }
         }
-        let source = io::Error::other("other processes replace it repeatedly");
+        let source = io::Error::other("other processes repeatedly replaced the file");
         Err(Error::io("append to", &settings.path, source))
     }
 

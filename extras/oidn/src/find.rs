@@ -46,7 +46,7 @@ fn but(others: &[PathBuf]) -> String {
     if others.is_empty() {
         String::new()
     } else {
-        format!("; not version 2 of the library: {}", listed(others))
+        format!("; other versions of the library, or other files of this name: {}", listed(others))
     }
 }
 
@@ -115,7 +115,10 @@ mod tests {
         let text = missing.to_string();
         assert!(text.contains(FILE) && text.contains(&empty.path().display().to_string()), "{text}");
         assert!(
-            text.ends_with(&format!("; not version 2 of the library: `{}`", old.path().join(FILE).display())),
+            text.ends_with(&format!(
+                "; other versions of the library, or other files of this name: `{}`",
+                old.path().join(FILE).display()
+            )),
             "{text}"
         );
     }

@@ -114,7 +114,7 @@ impl Config {
             Some(&[head]) if head > 0 && hidden % head == 0 => head,
             Some(shape) => {
                 return Err(source.wrong(format!(
-                    "`{norm}` has shape {shape:?}; it must have one dimension that divides the width, {hidden}"
+                    "`{norm}` has shape {shape:?}; it must have a single axis, whose length divides {hidden}, the width of the model"
                 )));
             }
             None => return Err(source.wrong(format!("`{norm}` is missing"))),
@@ -140,7 +140,7 @@ impl Config {
             || config.axes.iter().any(|axis| axis % 2 != 0)
         {
             return Err(source.wrong(format!(
-                "its heads have {head} channels, which do not match the axes {:?}; put the `config.json` of the model, which lists the axes, next to the file",
+                "its attention heads have {head} channels, but the axes {:?} require another number; put the `config.json` of the model, which lists the right axes, next to the file",
                 config.axes
             )));
         }
@@ -153,7 +153,7 @@ impl Config {
             return Err(Error::file(
                 file,
                 format!(
-                    "its tokens have {channels} channels and its time embeddings have {time}; these numbers must be multiples of 4 and of 2"
+                    "its tokens have {channels} channels, which must be a multiple of 4, and its time embeddings have {time} channels, which must be a multiple of 2"
                 ),
             ));
         }
@@ -178,8 +178,10 @@ impl Config {
             ..self.clone()
         };
         if said != *self {
-            let what =
-                format!("it describes {said:?}, but `{}` next to it contains {self:?}", file.display());
+            let what = format!(
+                "it does not match `{}`, which is next to it: it describes {said:?}, but the file contains {self:?}",
+                file.display()
+            );
             return Err(Error::file(&path, what));
         }
         Ok(Some(json.axes_dims_rope))

@@ -89,9 +89,8 @@ impl Header<'_> {
     fn text(&mut self) -> Result<String> {
         let length = self.u64()?;
         if length > MAX_TEXT {
-            return Err(self.wrong(format!(
-                "a text claims to have {length} bytes, more than the maximum of {MAX_TEXT}"
-            )));
+            return Err(self
+                .wrong(format!("a text claims to be {length} bytes long; the maximum is {MAX_TEXT} bytes")));
         }
         let mut bytes = vec![0; length as usize];
         self.file.read_exact(&mut bytes).map_err(|_| self.wrong("it is truncated".to_owned()))?;

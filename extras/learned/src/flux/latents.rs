@@ -10,7 +10,7 @@ pub fn pack(latents: &Tensor) -> Result<Tensor> {
     let (channels, height, width) = latents.dims3()?;
     if height % 2 != 0 || width % 2 != 0 {
         return Err(Error::Mismatch(format!(
-            "latents of {width} x {height} pixels: both sides must be even"
+            "latents of {width} x {height} pixels cannot be converted to tokens: width and height must be even"
         )));
     }
     let squares = latents.reshape((channels, height / 2, 2, width / 2, 2))?.permute((1, 3, 0, 2, 4))?;

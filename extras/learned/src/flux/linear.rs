@@ -80,7 +80,7 @@ impl Linear {
         if update.start + up > rows || rank != down_rank || down != columns {
             let name = &self.name;
             return Err(Error::Mismatch(format!(
-                "an update of {up} x {rank} by {down_rank} x {down} does not fit `{name}` of {rows} x {columns}"
+                "an update with matrices of {up} x {rank} and {down_rank} x {down} does not fit the layer `{name}`, which has {rows} x {columns} weights"
             )));
         }
         self.updates.push(update);

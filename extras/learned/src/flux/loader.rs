@@ -112,7 +112,7 @@ impl<'a> Loader<'a> {
         };
         let fit = fits(&entry.shape);
         if !fit {
-            self.wrong.push(format!("`{key}` has shape {:?}", entry.shape));
+            self.wrong.push(format!("`{key}` has the wrong shape {:?}", entry.shape));
         }
         let weights = entry.shape.iter().map(|n| *n as u64).product();
         self.tally.tensors += 1;
@@ -129,15 +129,14 @@ impl<'a> Loader<'a> {
     pub fn finish(self) -> Result<Tally> {
         if !self.wrong.is_empty() {
             let shown = self.wrong.iter().take(6).cloned().collect::<Vec<_>>().join("; ");
-            let what = format!("{} of its tensors do not fit this model: {shown}", self.wrong.len());
+            let what = format!("its tensors do not fit this model (problems: {}): {shown}", self.wrong.len());
             return Err(self.source.wrong(what));
         }
         let left: Vec<&String> =
             self.source.entries().keys().filter(|key| !self.asked.contains(*key)).collect();
         if !left.is_empty() {
             let what = format!(
-                "{} of its tensors belong to no part of this model: {}. Supply a file that contains only this part",
-                left.len(),
+                "it contains tensors that belong to no part of this model: {}. Supply a file that contains only this part",
                 some_of(&left)
             );
             return Err(self.source.wrong(what));

@@ -68,8 +68,7 @@ impl Lora {
         }
         if !unknown.is_empty() {
             return Err(source.wrong(format!(
-                "{} of its tensors change no layer of this model: {}. Is it a LoRA for Flux.1?",
-                unknown.len(),
+                "it contains tensors that change no layer of this model: {}. Is it a LoRA for Flux.1?",
                 some_of(&unknown)
             )));
         }

@@ -177,7 +177,9 @@ impl Trainer {
             square += f64::from(gradient.sqr()?.sum_all()?.to_scalar::<f32>()?);
         }
         if !square.is_finite() || !loss.is_finite() {
-            return Err(Error::Mismatch(format!("the loss is {loss}; train with a lower learning rate")));
+            return Err(Error::Mismatch(format!(
+                "the training failed, because the loss is {loss}; use a lower learning rate"
+            )));
         }
         let clip = 1.0 / square.sqrt().max(1.0);
         self.done += 1;
