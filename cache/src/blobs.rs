@@ -1,4 +1,5 @@
-//! [`Blobs`]: stored contents, found by their digest. Small blobs share a log; each larger one is a file.
+//! [`Blobs`]: stored contents, identified by their digests. Small blobs share a log; each larger blob is a separate
+//! file.
 
 use std::collections::{BTreeSet, HashMap};
 use std::fs::{self, File, Metadata, OpenOptions};
@@ -57,7 +58,8 @@ impl Blobs {
         Blobs::Memory(Mutex::default())
     }
 
-    /// Blobs in files below `root`, small ones in the log of `settings`.
+    /// Blobs in a cache folder. Large blobs are files below `root`; small blobs are in the log with the given
+    /// `settings`.
     pub fn on_disk(root: PathBuf, settings: Settings, fsync: Fsync) -> Blobs {
         let (small, bad, unsynced) = (Mutex::default(), Mutex::default(), Mutex::default());
         Blobs::Disk(Box::new(Disk { root, settings, fsync, small, bad, unsynced }))
@@ -337,7 +339,7 @@ impl Disk {
     }
 }
 
-/// Returns the content of a file, and the metadata it had when it was opened.
+/// Returns the content of a file, and the metadata that the file had when it was opened.
 fn read_file(path: &Path) -> io::Result<(Vec<u8>, Metadata)> {
     let mut file = regular::open(path, OpenOptions::new().read(true))?;
     let metadata = file.metadata()?;

@@ -1,5 +1,5 @@
-//! [`Entry`]: one entry of a log as bytes: encoding, decoding, and finding entries in a damaged file. The layout is in
-//! the documentation of the crate.
+//! [`Entry`]: one entry of a log. This module encodes and decodes entries, and finds entries in a damaged file. The
+//! layout is in the documentation of the crate.
 
 use crate::digest::Digest;
 

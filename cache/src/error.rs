@@ -64,7 +64,7 @@ impl Error {
         }
     }
 
-    /// True if the error means that the location is read-only.
+    /// True if the error means that nothing can be written at the path.
     pub(crate) fn is_read_only(&self) -> bool {
         let Error::Io { source, .. } = self else { return false };
         matches!(source.kind(), io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem)

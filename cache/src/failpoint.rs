@@ -1,9 +1,10 @@
-//! Named places where a test can stop the process or simulate an error of the disk.
+//! Failpoints: named places at which a test can stop the process or simulate a disk error.
 //!
-//! They are active only with the feature `failpoints`; without it `reach` is an empty inlined function. The
-//! environment variable `LIGHTHARMONY_FAILPOINT=name:count` aborts the process (like `kill -9`, without
-//! destructors) when the place `name` is reached for the `count`-th time, counted from 1 over all threads. With
-//! `name:count:error` the place returns an I/O error instead, and with `name:count:full` the error of a full disk.
+//! They are active only with the feature `failpoints`; without it, `reach` is an empty inlined function. If the
+//! environment variable `LIGHTHARMONY_FAILPOINT` is `name:count`, the process is aborted when the place `name` is
+//! reached for the `count`-th time (like `kill -9`, without destructors). Counting starts at 1 and includes all
+//! threads. With `name:count:error`, the place returns an I/O error instead, and with `name:count:full`, the error
+//! of a full disk.
 
 /// The names of all places, in the order in which a write reaches them.
 pub const NAMES: &[&str] = &[

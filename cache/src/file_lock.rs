@@ -30,8 +30,8 @@ impl FileLock {
         Ok(FileLock(Arc::new(file.at("open", path)?)))
     }
 
-    /// Locks the file exclusively, waiting for at most `timeout`. Returns `None` if that time is over, or if the
-    /// file system has no locks.
+    /// Locks the file exclusively, waiting for at most `timeout`. Returns `None` if the lock was not obtained in
+    /// this time, or if the file system has no locks.
     pub fn exclusive(&self, timeout: Duration) -> Option<FileGuard> {
         let start = Instant::now();
         loop {

@@ -26,7 +26,7 @@ pub(crate) struct Table {
 }
 
 impl Table {
-    /// The key under which the table of this name is stored.
+    /// The key under which the table called `name` is stored.
     pub fn key(name: &str) -> Digest {
         Digest::of(name.as_bytes())
     }
@@ -57,7 +57,7 @@ impl Table {
         })
     }
 
-    /// The value of this name.
+    /// The value of the row called `name`.
     pub fn get(&self, name: &str) -> Option<&[u8]> {
         if let Some(value) = self.written.get(name) {
             return Some(value);
@@ -66,7 +66,7 @@ impl Table {
         (found == name.as_bytes()).then_some(value)
     }
 
-    /// Sets a value, replacing any previous one.
+    /// Sets the value of the row called `name`, replacing any previous value.
     pub fn put(&mut self, name: &str, value: &[u8]) {
         self.written.insert(name.to_owned(), value.to_vec());
     }
@@ -146,8 +146,8 @@ fn hash(name: &[u8]) -> u64 {
         .fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(*byte)).wrapping_mul(0x100_0000_01b3))
 }
 
-/// Seconds from 1970 to `time`; 0 for earlier times. A time in the future is replaced by the present, so that
-/// results are not kept longer because of a wrong clock.
+/// Seconds from 1970 to `time`; 0 for earlier times. A time in the future is replaced with the present, so that a
+/// wrong clock does not keep results longer.
 pub(crate) fn seconds(time: SystemTime) -> u64 {
     let now = SystemTime::now();
     time.min(now).duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs())

@@ -127,7 +127,7 @@ impl Index {
         file.persist(path)
     }
 
-    /// The location of an entry, if it is indexed.
+    /// The location of an entry; `None` if the entry is not in the index.
     pub fn find(&mut self, id: &EntryId) -> Result<Option<Location>, Damaged> {
         let (kind, key) = id;
         let rank = key.rank();

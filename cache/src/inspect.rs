@@ -1,4 +1,4 @@
-//! Statistics of a cache, verification and repair, and copying to another cache.
+//! Operations on a whole cache: statistics, verification, repair, and copying to another cache.
 
 use std::fs;
 use std::path::Path;
@@ -27,7 +27,7 @@ pub struct Stat {
     pub large_bytes: u64,
     /// The total size of the log of records and the log of small blobs.
     pub log_bytes: u64,
-    /// The size of the replaced and removed entries in the logs. Compaction frees this space.
+    /// The size of those entries in the logs that were replaced or removed. Compaction frees this space.
     pub dead_bytes: u64,
     /// The size of the quarantine.
     pub quarantine_bytes: u64,

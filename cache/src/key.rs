@@ -28,8 +28,9 @@ pub enum KeyError {
 
 /// Collects the fields on which a result depends, in the order written.
 ///
-/// Two sequences of fields that differ in any name, type, value, order or nesting have different digests: every field is
-/// a type tag, a length-prefixed name and a fixed-size or length-prefixed value, and groups and lists end with a mark.
+/// Two sequences of fields that differ in any name, type, value, order or nesting have different digests. For this,
+/// every field is encoded as a type tag, a length-prefixed name and a fixed-size or length-prefixed value, and
+/// groups and lists end with a mark.
 /// Negative zero is written as zero; NaN makes [`finish`](Self::finish) fail.
 ///
 /// ```

@@ -51,7 +51,7 @@ impl Store {
     }
 }
 
-/// Like [`Store::last_run_get`], but reads from the cache in `folder` without opening that cache.
+/// Like [`Store::last_run_get`], but for the cache in `folder`, which is not opened.
 pub fn last_run(folder: &Path, graph: &str) -> Option<Vec<u8>> {
     read(&path(&folder.join(FORMAT), graph))
 }

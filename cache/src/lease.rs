@@ -122,7 +122,8 @@ pub(crate) fn try_lease(path: &Path) -> LeaseState {
     }
 }
 
-/// Opens and locks the file at `path`. Returns `None` if its holder removed the file between the two steps.
+/// Opens and locks the file at `path`. Returns `None` if another process removed the file after it was opened and
+/// before it was locked.
 fn try_lock(path: &Path) -> Result<Option<File>, TryLockError> {
     let file = match (regular::open_or_create(path), path.parent()) {
         (Err(error), Some(folder)) if error.kind() == io::ErrorKind::NotFound => {

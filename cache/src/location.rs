@@ -1,4 +1,4 @@
-//! Locations of the entries of a log, and the sizes of its parts.
+//! Locations of the entries of a log, and sizes of the contents of a log.
 
 use crate::digest::Digest;
 

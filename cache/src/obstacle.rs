@@ -71,8 +71,8 @@ fn is_obstacle(path: &Path, right: fn(&fs::Metadata) -> bool) -> bool {
     }
 }
 
-/// Moves the object at `path`, of any type, to the quarantine, or removes it if it cannot be moved. Links are
-/// moved, not followed. Returns a description of the action.
+/// Moves an object of any type at `path` to the quarantine, or removes it if it cannot be moved. A link is moved,
+/// not followed. Returns a description of the action.
 fn quarantine(root: &Path, path: &Path) -> io::Result<String> {
     let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let target = root.join(QUARANTINE).join(format!("{name}.{:08x}", fresh_salt()));

@@ -1,4 +1,4 @@
-//! [`publish_file`]: writing a user's file completely or not at all.
+//! [`publish_file`]: writes a user's file completely or not at all.
 
 use std::fs;
 use std::io::Write;

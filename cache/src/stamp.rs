@@ -1,4 +1,4 @@
-//! [`FileStamp`]: the metadata of a file that change with its content.
+//! [`FileStamp`]: metadata of a file that show whether its content may have changed.
 
 use std::fs::{self, Metadata};
 use std::io;

@@ -72,7 +72,7 @@ impl Drop for TempFolder {
     }
 }
 
-/// Removes the temporary folders that killed processes left in a folder.
+/// Removes the temporary folders in `parent` that killed processes left.
 fn remove_stale_folders(parent: &Path) {
     let unlocked = |path: &Path| File::open(path).is_ok_and(|folder| folder.try_lock().is_ok());
     remove_stale(parent, SUFFIX, |path, found| {

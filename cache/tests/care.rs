@@ -1,4 +1,4 @@
-//! Tests of collections, of verification and of copies of a cache.
+//! Tests of the collection, verification and copying of a cache.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::fs::{self, File};

@@ -10,7 +10,7 @@ use crate::search::{Steps, Tried};
 /// result is complete if raising knobs never saves more than the margin. Measurements support this assumption, but
 /// do not prove it.
 const MARGIN: f64 = 0.05;
-/// Ratio of the margin to the largest measured saving.
+/// Minimum ratio of the margin to the largest measured saving.
 const TIMES: f64 = 2.0;
 
 /// Settings that cost less than a bound.

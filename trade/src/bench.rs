@@ -268,7 +268,8 @@ impl<'e> Bench<'e> {
         )
     }
 
-    /// Name of an assignment: the name of a preset, or the list of differences from the graph's own settings.
+    /// Name of an assignment: the name of the preset with these settings, or the list of differences from the
+    /// graph's own settings.
     pub fn name(&self, assignment: &Assignment) -> String {
         if let Some(level) = (0..PRESETS.len()).rev().find(|&level| self.preset(level) == *assignment) {
             return PRESETS[level].to_owned();

@@ -152,7 +152,8 @@ fn marked(text: &str) -> String {
     parts.iter().enumerate().map(part).collect()
 }
 
-/// True if a cell contains a number or a text that replaces one: `1.2 M`, `40 dB`, `not computed`.
+/// True if a cell contains a number, such as `1.2 M` or `40 dB`, or a text in place of a number, such as `not
+/// computed`.
 fn is_number(cell: &str) -> bool {
     let (first, rest) = cell.split_once(' ').unwrap_or((cell, ""));
     let unit = matches!(rest, "" | "k" | "M" | "G" | "%" | "dB");

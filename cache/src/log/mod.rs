@@ -27,7 +27,7 @@ mod tests;
 /// Flag in the kind of an entry. An entry with this flag removes the previous entry of the same kind and key.
 const REMOVED: u8 = 0x80;
 
-/// Bytes per read.
+/// Number of bytes that are read at a time.
 const READ_BYTES: u64 = 1 << 20;
 
 /// Settings of a log: its files and how they are written.
@@ -53,7 +53,7 @@ pub(crate) struct Log {
     index: Option<Index>,
     /// True if an index was found to be wrong. From then on, no index is read.
     index_rejected: bool,
-    /// The entries after the indexed part of the file; `None` for a removed entry.
+    /// The locations of the entries after the indexed part of the file; `None` for a removed entry.
     recent: HashMap<EntryId, Option<Location>, BuildHasherDefault<DigestHasher>>,
     /// All entries, encoded, if the log has no file.
     memory: Vec<u8>,
@@ -198,7 +198,7 @@ impl Log {
         Ok(self.sizes.damaged)
     }
 
-    /// The number of bytes of entries that were replaced, removed or cut short.
+    /// The number of bytes of entries that were replaced or removed, or are incomplete.
     pub fn dead(&self) -> u64 {
         self.sizes.dead
     }
@@ -238,7 +238,8 @@ impl Log {
         Ok(complete && same_file(&open.metadata, &metadata))
     }
 
-    /// Like [`refresh`](Self::refresh), for a caller that already holds the lock, which must not be locked twice.
+    /// Like [`refresh`](Self::refresh), but does not lock the file. Callers that hold the lock must use this
+    /// function, since the lock must not be taken twice.
     fn catch_up(&mut self) -> Result<()> {
         let Some(settings) = self.settings.clone() else { return Ok(()) };
         let Some(metadata) = regular::metadata(&settings.path).at("read", &settings.path)? else {

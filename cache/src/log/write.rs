@@ -1,4 +1,4 @@
-//! Writing a [`Log`]: appending, compaction and the index.
+//! Functions that write a [`Log`]: appending, compaction, and the index.
 
 use std::collections::HashMap;
 use std::fs::{self, File};
@@ -17,7 +17,7 @@ use crate::log_head;
 use crate::stamp::same_file;
 use crate::temp::{TempFile, sync_folder};
 
-/// Logs with fewer dead bytes than this are not compacted.
+/// Minimum number of dead bytes for a compaction of an undamaged log.
 const MIN_DEAD: u64 = 1 << 20;
 
 /// An index is rewritten when the part of the log that is not indexed has at least this many bytes, and is at least
@@ -53,7 +53,7 @@ impl Log {
         self.append_to_file(&settings, items, guard.is_some())
     }
 
-    /// Appends to the file; `locked` is true if the caller holds the lock.
+    /// Appends all items to the file. `locked` is true if the caller holds the lock.
     pub(super) fn append_to_file(
         &mut self,
         settings: &Settings,

@@ -46,7 +46,8 @@ pub struct Recipe {
     pub steps: usize,
     /// Number of examples per step.
     pub batch: usize,
-    /// Initial learning rate. It is reduced during the first 20 steps, and falls linearly to 0 at the end.
+    /// Learning rate, before it is scaled. It is scaled by a factor that falls linearly from 1 to 0 during the
+    /// training, and in the first 20 steps also by a factor that rises linearly to 1.
     pub rate: f64,
     /// Weight of the error in contrast in the loss.
     pub contrast: f64,
@@ -214,7 +215,7 @@ impl Weights {
     }
 }
 
-/// A smooth approximation of |x|.
+/// A smooth approximation of the absolute value.
 fn magnitude(x: &Tensor) -> Result<Tensor> {
     (x.sqr()? + 0.05)?.sqrt()
 }

@@ -19,7 +19,7 @@ pub struct Attribution {
     pub work_alone: f64,
 }
 
-/// The node that causes the most error.
+/// The result of the search for the node that causes the most error.
 #[derive(Debug, PartialEq)]
 pub enum Blame<'a> {
     /// The node with the largest own error, and this error.

@@ -30,7 +30,7 @@ impl Effect {
         Self { cost: 1.0 / self.cost, square: -self.square }
     }
 
-    /// Returns the position `assignment`, with the cost and error that result from applying the effect to `from`.
+    /// Returns the position `assignment` with a forecast cost and error: those of `from`, changed by this effect.
     fn on(self, from: &Tried, assignment: Vec<usize>) -> Tried {
         let error = (from.error * from.error + self.square).max(0.0).sqrt();
         Tried { assignment, cost: from.cost * self.cost, error }

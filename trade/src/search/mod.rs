@@ -107,7 +107,7 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
         if self.tried[least].fits(self.goal) { self.improve(least) } else { Some(()) }
     }
 
-    /// The tried position that misses the goal by the least.
+    /// The measured position with the smallest bounded value, which misses the goal by the least.
     fn nearest(&self) -> Option<usize> {
         (0..self.tried.len()).reduce(|a, b| if self.bounded(b) < self.bounded(a) { b } else { a })
     }

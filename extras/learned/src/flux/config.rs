@@ -11,7 +11,7 @@ use super::source::Source;
 /// The sizes of a transformer.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Config {
-    /// Number of channels of a token within the network.
+    /// Number of channels of a token inside the blocks.
     pub hidden: usize,
     /// Number of attention heads. Each head has `hidden / heads` channels.
     pub heads: usize,

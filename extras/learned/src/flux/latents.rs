@@ -17,7 +17,7 @@ pub fn pack(latents: &Tensor) -> Result<Tensor> {
     Ok(squares.reshape((height / 2 * (width / 2), 4 * channels))?)
 }
 
-/// The inverse of [`pack`] for `rows` x `columns` tokens.
+/// Converts `rows` x `columns` tokens back to latents; the inverse of [`pack`].
 pub fn unpack(tokens: &Tensor, rows: usize, columns: usize) -> Result<Tensor> {
     let channels = tokens.dim(1)? / 4;
     let squares = tokens.reshape((rows, columns, channels, 2, 2))?.permute((2, 0, 3, 1, 4))?;

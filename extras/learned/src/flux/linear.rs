@@ -1,4 +1,4 @@
-//! Linear layers, whose weights stay in memory in the type of the file, and their low-rank updates.
+//! Linear layers and their low-rank updates. The weights stay in memory in the type that they have in the file.
 
 use candle_core::quantized::QTensor;
 use candle_core::{DType, Tensor};

@@ -1,4 +1,4 @@
-//! The encoded prompt.
+//! [`Prompt`]: the encoded prompt, read from a file.
 
 use std::path::Path;
 

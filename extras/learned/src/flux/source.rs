@@ -84,7 +84,7 @@ impl Source {
         Ok(source)
     }
 
-    /// The first file, which represents all files in messages.
+    /// The path of the first file. Messages name this file for all of them.
     pub fn path(&self) -> &Path {
         &self.files[0]
     }
@@ -109,7 +109,7 @@ impl Source {
         Error::file(self.path(), what)
     }
 
-    /// Reads one tensor onto a device.
+    /// Reads the tensor called `name` and places it on `device`.
     pub fn read(&self, name: &str, device: &Device) -> Result<Stored> {
         let entry =
             self.entries.get(name).ok_or_else(|| self.wrong(format!("tensor `{name}` is missing")))?;
@@ -129,7 +129,7 @@ impl Source {
         })
     }
 
-    /// Reads one tensor as f32.
+    /// Like [`read`](Self::read), but converts the tensor to f32.
     pub fn read_f32(&self, name: &str, device: &Device) -> Result<Tensor> {
         Ok(match self.read(name, device)? {
             Stored::Plain(tensor) => tensor.to_dtype(DType::F32)?,

@@ -26,7 +26,7 @@ pub struct TrainSettings {
     pub rank: usize,
     /// Numerator of the scale of each update, `alpha / rank * up * down`.
     pub alpha: f64,
-    /// Learning rate: the approximate change of a weight per step.
+    /// Learning rate. Each step changes a weight by about this amount.
     pub rate: f64,
     /// The strength of guidance during training; 1 for the published model.
     pub guidance: f32,
