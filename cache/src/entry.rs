@@ -193,7 +193,7 @@ mod tests {
             let joined = [&bytes[..cut], last].concat();
             let expected = Scanned { end: joined.len(), torn, damaged: 0 };
             assert_eq!(found(&joined), ([&starts[..4], &[cut]].concat(), expected), "cut at {cut}");
-            // Twice in a row, if the head of each is left.
+            // Two entries cut short in a row, where the head of each is complete.
             if torn < HEAD {
                 continue;
             }

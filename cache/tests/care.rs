@@ -118,7 +118,7 @@ fn age_history_and_pins_decide() {
     drop(store.begin_run("graph", &|| false));
     store.history_put("graph", "node", key(2).as_bytes());
     store.flush().unwrap();
-    // The limit lies half a day from every age, so that the time of day does not matter.
+    // The limit differs from every age by at least half a day, so that the time of day does not matter.
     let old = Limits { max_age: Some(DAY * 29 / 2), ..Limits::default() };
     let done = collect(&store, old);
     assert_eq!((done.records, done.pinned), (3, 2), "3, 4 and 5 were used 17 to 15 days ago");

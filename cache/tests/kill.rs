@@ -27,7 +27,7 @@ const ROUNDS: u8 = 6;
 /// Performs each operation of the store at least once, and writes the operations that succeeded to a file.
 fn work(folder: &Path) -> Result<()> {
     let mut acknowledged = OpenOptions::new().create(true).append(true).open(folder.join("log")).unwrap();
-    // One write per line, so that a kill leaves no half line.
+    // Each line is written in one call, so that a kill leaves no incomplete line.
     let mut note = |line: String| acknowledged.write_all((line + "\n").as_bytes()).unwrap();
     let mut store = open(&folder.join("cache"))?;
     if store.is_read_only() {

@@ -195,7 +195,7 @@ fn other_handles_see_appends_and_compaction() {
 fn a_reader_with_a_torn_tail_sees_what_replaces_it() {
     let (folder, bytes, ends) = filled();
     let cut = ends[COUNT as usize - 1];
-    // The last entry torn by one byte, then followed by another one: bytes in a log are never changed.
+    // The last entry lacks one byte and is followed by another entry, since bytes of a log are never changed.
     let torn = &bytes[..bytes.len() - 1];
     fs::write(log(folder.path()), torn).unwrap();
     let reader = open(folder.path());

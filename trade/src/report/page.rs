@@ -274,7 +274,7 @@ fn unmodelled(page: &mut Page, rows: &[LeftOut]) {
         };
         [row.what, &nodes, left_out, &row.found, row.check, row.force].map(str::to_owned).to_vec()
     };
-    let columns = ["work", "nodes", "here", "finding", "check", "forced by"];
+    let columns = ["work", "nodes", "in this run", "finding", "check", "forced by"];
     page.table(&columns, &rows.iter().map(reported).collect::<Vec<_>>());
 }
 
