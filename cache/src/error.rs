@@ -1,4 +1,4 @@
-//! [`Error`]: the error of an operation on a cache folder. It always names the operation and the path.
+//! [`Error`]: the error of an operation on a cache folder. Errors of the system include the operation and the path.
 
 use std::io;
 use std::path::{Path, PathBuf};

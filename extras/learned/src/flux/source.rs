@@ -1,4 +1,5 @@
-//! Tensors in files. The headers of the files give their locations, and they are read one at a time.
+//! Tensors in files. The headers of the files contain the locations of the tensors, and tensors are read one at a
+//! time.
 
 use std::collections::BTreeMap;
 use std::fs::File;
