@@ -93,9 +93,9 @@ pub fn below(
     }
 }
 
-/// Measures positions, starting with every knob at its minimum. If the cost of a position would be below the bound
-/// once the margin is subtracted, its higher neighbours are measured as well. Returns the measured positions, and
-/// true if none of the positions to measure is missing.
+/// Measures positions, starting with every knob at its minimum. If the cost of a position minus the margin is below
+/// the bound, the positions with one knob raised by one value are measured as well. Returns the measured positions,
+/// and true if none of the positions to measure is missing.
 fn upwards(
     knobs: &[Steps],
     bound: f64,
