@@ -1,4 +1,5 @@
-//! [`Blobs`]: stored contents, found by their digest. Small blobs share a log; each larger one is a file.
+//! [`Blobs`]: stored contents, identified by their digests. Small blobs share a log; each larger blob is a separate
+//! file.
 
 use std::collections::{BTreeSet, HashMap};
 use std::fs::{self, File, Metadata, OpenOptions};
@@ -17,7 +18,8 @@ use crate::settings::{Fsync, Incident, lock};
 use crate::stamp::same_file;
 use crate::temp::{TempFile, sync_folder};
 
-/// Blobs shorter than this, in bytes, are stored in the log: a file would cost more time and space than its content.
+/// Minimum length in bytes of a blob that is stored as a separate file. Shorter blobs are stored in the log, since
+/// a file would cost more time and space than its content.
 pub(crate) const SMALL: usize = 4096;
 
 const DAY: Duration = Duration::from_secs(24 * 60 * 60);
@@ -56,7 +58,8 @@ impl Blobs {
         Blobs::Memory(Mutex::default())
     }
 
-    /// Blobs in files below `root`, small ones in the log of `settings`.
+    /// Blobs in a cache folder. Large blobs are files below `root`; small blobs are in the log with the given
+    /// `settings`.
     pub fn on_disk(root: PathBuf, settings: Settings, fsync: Fsync) -> Blobs {
         let (small, bad, unsynced) = (Mutex::default(), Mutex::default(), Mutex::default());
         Blobs::Disk(Box::new(Disk { root, settings, fsync, small, bad, unsynced }))
@@ -83,7 +86,7 @@ impl Blobs {
         }
     }
 
-    /// True if a blob exists; it is verified only when it is read.
+    /// True if a blob with this digest is stored. Its content is not verified.
     pub fn has(&self, digest: &Digest) -> bool {
         match self {
             Blobs::Nowhere => false,
@@ -92,7 +95,8 @@ impl Blobs {
         }
     }
 
-    /// Rewrites the log of small blobs if much of it is dead or damaged, and its index if it lacks many entries.
+    /// Rewrites the log of small blobs if it is damaged or contains mostly dead entries. Rewrites the index of the
+    /// log if many entries are missing from it.
     pub fn tidy(&self) -> Result<()> {
         let Blobs::Disk(disk) = self else { return Ok(()) };
         let mut small = lock(&disk.small);
@@ -221,7 +225,9 @@ impl Disk {
                 self.mark_used(&path, &read);
                 return Ok(Some(bytes));
             }
-            Ok((bytes, read)) => (Some(read), format!("{} bytes with another digest", bytes.len())),
+            Ok((bytes, read)) => {
+                (Some(read), format!("the content ({} bytes) does not match the digest", bytes.len()))
+            }
             Err(error) if error.kind() == io::ErrorKind::NotFound => {
                 self.with_small(Log::refresh)?;
                 return self.get_small(digest, &report);
@@ -237,8 +243,8 @@ impl Disk {
         Ok(None)
     }
 
-    /// Sets the modification time of a blob's file to the present, at most once a day. It serves as the time of
-    /// last use.
+    /// Sets the modification time of a blob's file to the present, at most once a day. A collection takes this time
+    /// as the last use of the blob.
     fn mark_used(&self, path: &Path, read: &Metadata) {
         let now = SystemTime::now();
         let fresh = read.modified().is_ok_and(|time| now.duration_since(time).is_ok_and(|past| past < DAY));
@@ -255,7 +261,7 @@ impl Disk {
                 log.drop_entry(KIND, digest);
                 report(Incident {
                     digest: Some(*digest),
-                    what: "it was in the log of small blobs; removed".to_owned(),
+                    what: "its entry in the log of small blobs does not match the digest; removed".to_owned(),
                 });
                 Ok(None)
             }
@@ -295,7 +301,7 @@ impl Disk {
     }
 
     /// Moves a damaged blob to the quarantine. If that fails, removes it or, failing that, marks it as damaged in
-    /// memory. Returns the action taken, in words.
+    /// memory. Returns a description of the damage, given by `what`, and of the action taken.
     fn quarantine(&self, digest: &Digest, path: &Path, what: &str) -> Result<Incident> {
         reach(failpoint::QUARANTINE_BEFORE).at("quarantine", path)?;
         let aside = self.settings.quarantine.join(digest.to_string());
@@ -312,10 +318,7 @@ impl Disk {
             "ignored".to_owned()
         };
         reach(failpoint::QUARANTINE_AFTER).at("quarantine", path)?;
-        Ok(Incident {
-            digest: Some(*digest),
-            what: format!("{} contained {what}; {outcome}", path.display()),
-        })
+        Ok(Incident { digest: Some(*digest), what: format!("{}: {what}; {outcome}", path.display()) })
     }
 
     /// Calls `act` with the log of small blobs, which is opened if necessary.
@@ -328,14 +331,15 @@ impl Disk {
         act(small.insert(log))
     }
 
-    /// The file of a blob. The first two digits name a folder, so that no folder has too many entries.
+    /// The path of a blob's file. The first two digits of the digest name the folder, so that no folder has too
+    /// many entries.
     fn path(&self, digest: &Digest) -> PathBuf {
         let name = digest.to_string();
         self.root.join("blobs").join(&name[..2]).join(name)
     }
 }
 
-/// Returns the content of a file, and the metadata it had when it was opened.
+/// Returns the content of a file, and the metadata that the file had when it was opened.
 fn read_file(path: &Path) -> io::Result<(Vec<u8>, Metadata)> {
     let mut file = regular::open(path, OpenOptions::new().read(true))?;
     let metadata = file.metadata()?;
@@ -345,8 +349,8 @@ fn read_file(path: &Path) -> io::Result<(Vec<u8>, Metadata)> {
     Ok((bytes, metadata))
 }
 
-/// True if reading failed because this process lacks memory, file handles or permission, and not because of what is on
-/// the disk.
+/// True if reading failed because this process lacks memory, file handles or permission, and not because the stored
+/// data are damaged.
 fn is_own_failure(error: &io::Error) -> bool {
     // EMFILE and ENFILE, which have no stable `ErrorKind`.
     let no_handles = cfg!(unix) && matches!(error.raw_os_error(), Some(23 | 24));

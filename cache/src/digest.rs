@@ -36,7 +36,7 @@ impl Digest {
         hex
     }
 
-    /// The first 8 bytes as a number. The order of these numbers agrees with the order of digests.
+    /// The first 8 bytes as a number. If two of these numbers differ, they are in the same order as their digests.
     pub(crate) fn rank(&self) -> u64 {
         self.prefix().swap_bytes()
     }

@@ -1,13 +1,13 @@
-//! [`Entry`]: one entry of a log as bytes: encoding, decoding, and finding entries in a damaged file. The layout is in
-//! the documentation of the crate.
+//! [`Entry`]: one entry of a log. This module encodes and decodes entries, and finds entries in a damaged file. The
+//! layout is in the documentation of the crate.
 
 use crate::digest::Digest;
 
 /// The length of the fields before the payload, in bytes.
 pub(crate) const HEAD: usize = 64;
 
-/// The maximum length of a payload in bytes. A greater length is treated as damage, so that a flipped bit in a
-/// length cannot cause gigabytes to be read.
+/// The maximum length of a payload in bytes. An entry that claims a greater length is treated as damaged, so that a
+/// flipped bit in the length cannot cause gigabytes to be read.
 pub(crate) const MAX_PAYLOAD: usize = 16 << 20;
 
 const MAGIC: &[u8; 4] = b"LHe1";
@@ -49,7 +49,7 @@ pub(crate) fn decode(salt: u32, bytes: &[u8]) -> Option<Entry<'_>> {
     whole.then_some(Entry { kind: head[16], key, payload })
 }
 
-/// The length in bytes of the entry with this head, if the head is undamaged.
+/// The total length in bytes of the entry with this head; `None` if the head is damaged.
 fn length_in(salt: u32, head: &[u8; HEAD]) -> Option<usize> {
     let good = head.starts_with(MAGIC) && number(head, 4) == checksum(salt, &[&head[8..]]);
     good.then(|| Entry::length(number(head, 12) as usize))
@@ -62,15 +62,17 @@ fn number(head: &[u8; HEAD], at: usize) -> u32 {
 /// The result of [`scan`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Scanned {
-    /// The end of the last whole entry. Bytes after it may belong to an entry that is still being written.
+    /// Offset of the end of the last complete entry. Bytes after it may belong to an entry that is still being
+    /// written.
     pub end: usize,
-    /// Number of bytes before `end` that belong to entries cut short by a killed writer or a full disk.
+    /// Number of bytes before `end` that belong to incomplete entries, left by a killed writer or a full disk.
     pub torn: usize,
-    /// Number of bytes before `end` that belong to no entry.
+    /// Number of bytes before `end` that belong to neither complete nor incomplete entries.
     pub damaged: usize,
 }
 
-/// Calls `found` for every whole entry in `bytes`, with its offset. Damage loses only the entries that contain it.
+/// Calls `found` for every complete entry in `bytes`, with the entry's offset. Damage loses only the entries that
+/// contain it.
 pub(crate) fn scan<'a>(salt: u32, bytes: &'a [u8], mut found: impl FnMut(usize, Entry<'a>)) -> Scanned {
     let (mut at, mut end, mut torn, mut damaged) = (0, 0, 0, 0);
     while at < bytes.len() {
@@ -95,9 +97,9 @@ pub(crate) fn scan<'a>(salt: u32, bytes: &'a [u8], mut found: impl FnMut(usize, 
     Scanned { end, torn, damaged }
 }
 
-/// Number of bytes in the gap between two whole entries that belong to entries cut short. Such an entry is either
-/// an undamaged head whose payload would extend beyond the next head or beyond the gap, or only the beginning of a
-/// head.
+/// Number of bytes in the gap between two complete entries that belong to incomplete entries. An incomplete entry
+/// is either an undamaged head whose payload would extend beyond the next head or beyond the gap, or only the
+/// beginning of a head.
 fn torn_bytes(salt: u32, gap: &[u8]) -> usize {
     let length_at = |at: usize| gap[at..].first_chunk::<HEAD>().and_then(|head| length_in(salt, head));
     let (mut at, mut torn) = (0, 0);
@@ -119,7 +121,8 @@ fn torn_bytes(salt: u32, gap: &[u8]) -> usize {
     torn
 }
 
-/// Offset of the next place at or after `from` where an entry may start, or the length of `bytes` if there is none.
+/// Offset of the next occurrence of the magic number, at or after `from`. Returns the length of `bytes` if there is
+/// none.
 fn next_magic(bytes: &[u8], from: usize) -> usize {
     let next = bytes[from..].windows(MAGIC.len()).position(|window| window == MAGIC);
     next.map_or(bytes.len(), |skip| from + skip)
@@ -190,7 +193,7 @@ mod tests {
             let joined = [&bytes[..cut], last].concat();
             let expected = Scanned { end: joined.len(), torn, damaged: 0 };
             assert_eq!(found(&joined), ([&starts[..4], &[cut]].concat(), expected), "cut at {cut}");
-            // Twice in a row, if the head of each is left.
+            // Two entries cut short in a row, where the head of each is complete.
             if torn < HEAD {
                 continue;
             }

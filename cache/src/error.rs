@@ -1,4 +1,4 @@
-//! [`Error`]: the reason why an operation on a cache folder failed, always with the operation and the path.
+//! [`Error`]: the error of an operation on a cache folder. Errors of the system include the operation and the path.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -27,7 +27,7 @@ pub enum Error {
         /// The error of the system.
         source: io::Error,
     },
-    /// The record is longer than an entry of the log may be.
+    /// A record is too long to be stored as an entry of the log.
     #[error("a record of {length} bytes is larger than the limit of {limit} bytes")]
     RecordTooLarge {
         /// Length of the record in bytes.
@@ -36,7 +36,7 @@ pub enum Error {
         limit: usize,
     },
     /// The collection waited for active runs, but they did not end in time.
-    #[error("the cache is in use: a run is active, and did not end within {} s", waited.as_secs())]
+    #[error("the cache is in use: a run is active and did not end within {} s", waited.as_secs())]
     InUse {
         /// Time that the collection waited.
         waited: std::time::Duration,
@@ -64,7 +64,7 @@ impl Error {
         }
     }
 
-    /// True if the error means that the location is read-only.
+    /// True if the error means that nothing can be written at the path.
     pub(crate) fn is_read_only(&self) -> bool {
         let Error::Io { source, .. } = self else { return false };
         matches!(source.kind(), io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem)
@@ -79,7 +79,7 @@ fn no_room(source: &io::Error) -> &'static str {
     }
 }
 
-/// Extension of results that adds the operation and the path to an error of the system.
+/// Extension trait for I/O results. It adds the operation and the path to the error.
 pub(crate) trait At<T> {
     /// Adds `path` and `operation`, a verb that can be followed by a path.
     fn at(self, operation: &'static str, path: &Path) -> Result<T>;

@@ -1,9 +1,10 @@
-//! Named places where a test can stop the process or simulate an error of the disk.
+//! Failpoints: named places at which a test can stop the process or simulate a disk error.
 //!
-//! They are active only with the feature `failpoints`; without it `reach` is an empty inlined function. The
-//! environment variable `LIGHTHARMONY_FAILPOINT=name:count` aborts the process (like `kill -9`, without
-//! destructors) when the place `name` is reached for the `count`-th time, counted from 1 over all threads. With
-//! `name:count:error` the place returns an I/O error instead, and with `name:count:full` the error of a full disk.
+//! They are active only with the feature `failpoints`; without it, `reach` is an empty inlined function. If the
+//! environment variable `LIGHTHARMONY_FAILPOINT` is `name:count`, the process is aborted when the place `name` is
+//! reached for the `count`-th time (like `kill -9`, without destructors). Counting starts at 1 and includes all
+//! threads. With `name:count:error`, the place returns an I/O error instead, and with `name:count:full`, the error
+//! of a full disk.
 
 /// The names of all places, in the order in which a write reaches them.
 pub const NAMES: &[&str] = &[
@@ -87,7 +88,7 @@ pub(crate) const PUBLISH: FilePoints = file_points!("publish");
 pub(crate) const PUBLISH_SYNCED: &str = "publish.folder-synced";
 
 pub(crate) const APPEND_BEFORE: &str = "append.before";
-/// The place where half of an appended entry is in the file.
+/// The place at which half of the bytes of an entry have been appended.
 pub(crate) const APPEND_MIDDLE: &str = "append.middle";
 pub(crate) const APPEND_AFTER: &str = "append.after";
 pub(crate) const FLUSH_BEFORE: &str = "flush.before";
@@ -154,7 +155,9 @@ mod active {
         }
         match armed.effect {
             Effect::Abort => std::process::abort(),
-            Effect::Error(kind) => Err(io::Error::new(kind, format!("injected at {name}"))),
+            Effect::Error(kind) => {
+                Err(io::Error::new(kind, format!("simulated error at the failpoint `{name}`")))
+            }
         }
     }
 }

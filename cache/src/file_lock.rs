@@ -13,7 +13,8 @@ use crate::regular;
 #[derive(Debug)]
 pub(crate) struct FileLock(Arc<File>);
 
-/// A held lock. Its owner must not lock the same [`FileLock`] again: dropping the second guard would unlock the first.
+/// A held lock. Its owner must not lock the same [`FileLock`] again: dropping the second guard would release the
+/// first lock, too.
 pub(crate) struct FileGuard(Arc<File>);
 
 impl FileLock {
@@ -29,8 +30,8 @@ impl FileLock {
         Ok(FileLock(Arc::new(file.at("open", path)?)))
     }
 
-    /// Locks the file exclusively, waiting for at most `timeout`. Returns `None` if that time is over, or if the
-    /// file system has no locks.
+    /// Locks the file exclusively, waiting for at most `timeout`. Returns `None` if the lock was not obtained in
+    /// this time, or if the file system has no locks.
     pub fn exclusive(&self, timeout: Duration) -> Option<FileGuard> {
         let start = Instant::now();
         loop {
@@ -44,8 +45,8 @@ impl FileLock {
         }
     }
 
-    /// Takes a shared lock, waiting until no other process holds the lock exclusively. Returns `None` once
-    /// `cancelled` returns true, or if the file system has no locks.
+    /// Takes a shared lock. If another process holds the lock exclusively, waits until it is released. Returns
+    /// `None` once `cancelled` returns true, or if the file system has no locks.
     pub fn shared_when_free(&self, cancelled: &dyn Fn() -> bool) -> Option<FileGuard> {
         loop {
             match self.0.try_lock_shared() {
@@ -56,7 +57,7 @@ impl FileLock {
         }
     }
 
-    /// Tries once to take a shared lock.
+    /// Tries once to take a shared lock. Returns `None` if that fails.
     pub fn shared(&self) -> Option<FileGuard> {
         self.0.try_lock_shared().ok().map(|()| FileGuard(Arc::clone(&self.0)))
     }

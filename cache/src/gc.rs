@@ -1,9 +1,9 @@
 //! Garbage collection: the least recently used results are removed first, until the cache is small enough.
 //!
-//! A record and the blobs that it names are kept or removed together; a blob is removed with the last of its
-//! records. The last use of a record is the last run of a graph whose table of history contains it, or the last
-//! time that one of its own blobs was read. If a record shares all its blobs with other records, the last read of
-//! any of these blobs counts.
+//! A record is kept or removed together with the blobs that it names. A blob that several records name is removed
+//! with the last of these records. A record counts as used when a graph with the record in its history table is
+//! run, and when a blob that only this record names is read. If other records name all of its blobs as well,
+//! reading any of these blobs counts. Reads of small blobs are not recorded.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -21,16 +21,16 @@ use crate::obstacle::QUARANTINE;
 use crate::settings::{kind, lock};
 use crate::store::Store;
 
-/// Fraction of the maximum size to which a collection reduces the cache, so that the next run does not require
-/// another collection.
+/// If the cache exceeds its maximum size, a collection reduces it to this fraction of the maximum, so that the next
+/// run does not require another collection.
 const LOW_WATER: f64 = 0.9;
 
 /// Limits of a collection.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Limits {
-    /// The maximum size of the cache in bytes.
+    /// The maximum size of the cache in bytes; `None` for no limit.
     pub max_size: Option<u64>,
-    /// The maximum time since the last use of a result.
+    /// The maximum time since the last use of a result; `None` for no limit.
     pub max_age: Option<Duration>,
     /// True to only report what would be removed.
     pub dry_run: bool,
@@ -43,9 +43,9 @@ pub struct Collected {
     pub records: usize,
     /// The number of blobs removed.
     pub blobs: usize,
-    /// The size of the cache folder before, in bytes.
+    /// The size of the cache folder before the collection, in bytes.
     pub before: u64,
-    /// The size of the cache folder afterwards, in bytes; an estimate in a dry run.
+    /// The size of the cache folder after the collection, in bytes. For a dry run, this is an estimate.
     pub after: u64,
     /// The number of records that would have been removed if they were not pinned.
     pub pinned: usize,
@@ -60,7 +60,7 @@ struct Candidate {
     /// Stored size of the record in bytes.
     bytes: u64,
     blobs: Vec<Digest>,
-    /// Last use, in seconds since 1970.
+    /// Time of the last use, in seconds since 1970.
     used: u64,
 }
 
@@ -68,20 +68,20 @@ struct Candidate {
 struct BlobUse {
     /// Stored size in bytes.
     bytes: u64,
-    /// Last use, in seconds since 1970.
+    /// Time of the last use, in seconds since 1970.
     used: u64,
     /// Number of records that name the blob.
     named: usize,
-    /// Number of those records that are not removed.
+    /// Number of records that name the blob and are kept.
     readers: usize,
 }
 
 impl Store {
     /// Removes the least recently used results until the limits are met, and all blobs that no record names.
-    /// `names` returns the blobs that a record names.
+    /// `names` returns the digests of the blobs that a record names.
     ///
-    /// Runs and collections exclude each other, so that nothing is removed that an active run needs. A collection
-    /// waits for active runs, for at most `timeout`. Pinned records are kept even if the limits are exceeded. The
+    /// No run can be active during a collection, so nothing that a run needs is removed. A collection waits for
+    /// active runs to end, for at most `timeout`. Pinned records are kept even if the limits are exceeded. The
     /// cache stays valid if a collection is killed.
     ///
     /// # Errors
@@ -185,7 +185,7 @@ impl Store {
         Ok(collected)
     }
 
-    /// Returns every record, and the total size in bytes of all memos and history.
+    /// Returns every record, and the total stored size of all memos and history tables in bytes.
     fn candidates(&self, names: Names<'_>) -> Result<(Vec<Candidate>, u64)> {
         let mut records = lock(self.records());
         records.refresh()?;
@@ -219,12 +219,13 @@ impl Store {
     }
 }
 
-/// The size of an entry in a log and its index, in bytes.
+/// The number of bytes that an entry with a payload of `payload` bytes takes in a log and the log's index.
 fn stored_size(payload: u64) -> u64 {
     Entry::length(0) as u64 + payload + index::ENTRY as u64
 }
 
-/// The last use, in seconds since 1970, of each key that a table of history contains.
+/// The time of the last use of each record that a history table lists, by the key of the record, in seconds since
+/// 1970.
 fn last_used(records: &mut Log) -> Result<BTreeMap<Digest, u64>> {
     let mut used = BTreeMap::new();
     let times = Table::open(records.get(kind::HISTORY, &Table::key(USED))?.unwrap_or_default());

@@ -1,4 +1,5 @@
-//! [`Table`]: many small values in one entry of the log, for example one value per node of a graph.
+//! [`Table`]: a table of many small values that is stored as one entry of the log. A table can contain, for
+//! example, one value per node of a graph.
 
 use std::collections::{BTreeMap, HashMap};
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -7,24 +8,25 @@ use crate::digest::Digest;
 use crate::digest_hasher::DigestHasher;
 use crate::entry::MAX_PAYLOAD;
 
-/// Name of the table that contains the time of last use of every other table. The name of a row is the key of a
-/// table; the value is the time in seconds since 1970, in 8 bytes.
+/// Name of the table that contains the time of the last use of every other table. Each row has the key of a table
+/// as its name, and the time in seconds since 1970, in 8 bytes, as its value.
 pub(crate) const USED: &str = "used";
 
-/// Rows of names and values. Each row is stored as the lengths of both, followed by both.
+/// Rows that each consist of a name and a value. A row is stored as the length of the name, the length of the
+/// value, the name, and the value.
 #[derive(Debug, Default)]
 pub(crate) struct Table {
     stored: Vec<u8>,
-    /// Start of each row in `stored`, by a hash of its name.
+    /// Offset of each row in `stored`, by a hash of the row's name.
     offsets: HashMap<u64, usize, std::hash::BuildHasherDefault<DigestHasher>>,
-    /// Rows that are not in `stored` yet.
+    /// New rows, which are not in `stored` yet.
     written: BTreeMap<String, Vec<u8>>,
     /// True if rows were removed from `stored`.
     trimmed: bool,
 }
 
 impl Table {
-    /// The key under which the table of this name is stored.
+    /// The key under which the table called `name` is stored.
     pub fn key(name: &str) -> Digest {
         Digest::of(name.as_bytes())
     }
@@ -45,7 +47,7 @@ impl Table {
         table
     }
 
-    /// The stored rows, the one written longest ago first.
+    /// The names and values of the stored rows, in the order in which they were written.
     pub fn rows(&self) -> impl Iterator<Item = (&[u8], &[u8])> {
         let mut at = 0;
         std::iter::from_fn(move || {
@@ -55,7 +57,7 @@ impl Table {
         })
     }
 
-    /// The value of this name.
+    /// The value of the row called `name`.
     pub fn get(&self, name: &str) -> Option<&[u8]> {
         if let Some(value) = self.written.get(name) {
             return Some(value);
@@ -64,12 +66,12 @@ impl Table {
         (found == name.as_bytes()).then_some(value)
     }
 
-    /// Sets a value, replacing any previous one.
+    /// Sets the value of the row called `name`, replacing any previous value.
     pub fn put(&mut self, name: &str, value: &[u8]) {
         self.written.insert(name.to_owned(), value.to_vec());
     }
 
-    /// If there are more than `limit` rows in total, removes those for whose names `keep` returns false.
+    /// If there are more than `limit` rows in total, removes every row for whose name `keep` returns false.
     pub fn trim(&mut self, limit: usize, keep: impl Fn(&str) -> bool) {
         let new = self.written.keys().filter(|name| self.get_stored(name).is_none()).count();
         if self.offsets.len() + new <= limit {
@@ -93,9 +95,10 @@ impl Table {
         self.trimmed || !self.written.is_empty()
     }
 
-    /// The payload to store. It consists of the rows of `latest`, the stored payload, which another process may
-    /// have written, and of the rows written here, which replace rows of the same name. If this table was trimmed,
-    /// its own stored rows are used instead of `latest`. If the payload is too long, the oldest rows are left out.
+    /// The payload to store. It contains the rows of `latest` and the new rows of this table. A new row replaces a
+    /// row of the same name. `latest` is the payload that is stored now, and may have been written by another
+    /// process. If this table was trimmed, its own stored rows are used instead of `latest`. If the payload would
+    /// be too long, the oldest rows are left out.
     pub fn encode(&self, latest: Vec<u8>) -> Vec<u8> {
         let latest = Table::open(if self.trimmed { self.stored.clone() } else { latest });
         let kept = |(name, _): &(&[u8], &[u8])| {
@@ -136,15 +139,15 @@ fn row(bytes: &[u8], at: usize) -> Option<(&[u8], &[u8])> {
     Some((name, rest.get(..value as usize)?))
 }
 
-/// The FNV-1a hash of a name, which is fast for short names. If two names have equal hashes, only the later one is
-/// found.
+/// The FNV-1a hash of a name, which is fast for short names. If the names of two rows have the same hash, only the
+/// later row is found.
 fn hash(name: &[u8]) -> u64 {
     name.iter()
         .fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(*byte)).wrapping_mul(0x100_0000_01b3))
 }
 
-/// Seconds from 1970 to `time`; 0 for earlier times. A time in the future is replaced by the present, so that
-/// results are not kept longer because of a wrong clock.
+/// Seconds from 1970 to `time`; 0 for earlier times. A time in the future is replaced with the present, so that a
+/// wrong clock does not keep results longer.
 pub(crate) fn seconds(time: SystemTime) -> u64 {
     let now = SystemTime::now();
     time.min(now).duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs())

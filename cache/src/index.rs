@@ -1,7 +1,9 @@
-//! [`Index`]: the locations of the entries of a log, sorted by key, so that opening a long log reads almost nothing.
+//! [`Index`]: the locations of the entries of a log, sorted by key, so that a long log can be opened without
+//! reading its entries.
 //!
-//! The file is a head, a directory of the first key of each page, and pages of entries, which are read on demand. Each
-//! page ends with its own checksum. The layout is in the documentation of the crate.
+//! The file consists of a head, a directory, and pages of entries. The directory contains the first key of each
+//! page. Pages are read on demand, and each ends with its own checksum. The layout is in the documentation of the
+//! crate.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Read, Seek, SeekFrom};
@@ -17,7 +19,7 @@ use crate::temp::TempFile;
 
 const MAGIC: &[u8; 8] = b"LHindex1";
 const PAGE: usize = 4096;
-/// Length of an entry in bytes: key, offset, length, kind, three zeros.
+/// Length of an entry in bytes. An entry consists of key, offset, length, kind, and three zero bytes.
 pub(crate) const ENTRY: usize = 48;
 const PER_PAGE: usize = (PAGE - 4) / ENTRY;
 const RANKS_PER_PAGE: usize = (PAGE - 4) / 8;
@@ -30,7 +32,7 @@ pub(crate) struct Index {
     count: u64,
     /// The number of bytes of the log that are indexed.
     pub covered: u64,
-    /// Sizes of the entries in these bytes.
+    /// Sizes of the entries in the indexed part of the log.
     pub sizes: LogSizes,
     /// The first 8 bytes of the first key of each page, as numbers.
     directory: Vec<u64>,
@@ -80,8 +82,9 @@ impl Index {
         Some(Index { file, salt, count, covered, sizes, directory, pages })
     }
 
-    /// True if the index at `path` belongs to the log with this salt, but covers more than `length` bytes. This
-    /// means that the log was shortened; once it has grown again, the index would hide entries.
+    /// True if the index at `path` belongs to the log with this salt, but covers more than `length` bytes. The log
+    /// was then shortened after it was indexed. Such an index must be discarded: once the log has grown again, the
+    /// index would hide new entries.
     pub fn is_beyond(path: &Path, salt: u32, length: u64) -> bool {
         let mut head = [0; PAGE];
         let read = regular::open(path, OpenOptions::new().read(true))
@@ -89,7 +92,7 @@ impl Index {
         read.is_ok() && is_whole(&head, salt, 0) && head.starts_with(MAGIC) && u64_at(&head, 8) > length
     }
 
-    /// Writes the index of the first `covered` bytes of a log. `entries` are sorted by key, then kind.
+    /// Writes the index of the first `covered` bytes of a log. `entries` must be sorted by key and then by kind.
     pub fn write(
         path: &Path,
         temp: &Path,
@@ -124,7 +127,7 @@ impl Index {
         file.persist(path)
     }
 
-    /// The location of an entry, if it is indexed.
+    /// The location of an entry; `None` if the entry is not in the index.
     pub fn find(&mut self, id: &EntryId) -> Result<Option<Location>, Damaged> {
         let (kind, key) = id;
         let rank = key.rank();
@@ -144,7 +147,7 @@ impl Index {
         Ok(None)
     }
 
-    /// Every entry, sorted by key and then kind.
+    /// Every entry, sorted by key and then by kind.
     pub fn all(&mut self) -> Result<Vec<(EntryId, Location)>, Damaged> {
         let mut all = Vec::new();
         for page in 0..self.pages.len() {
@@ -157,7 +160,7 @@ impl Index {
         Ok(all)
     }
 
-    /// The entries of a page, which is read if necessary.
+    /// The entries of a page. The page is read if it is not in memory.
     fn entries(&mut self, page: usize) -> Result<&[[u8; ENTRY]], Damaged> {
         let left = self.count as usize - page * PER_PAGE;
         if self.pages[page].is_none() {
@@ -175,7 +178,8 @@ impl Index {
     }
 }
 
-/// Pads the last page and appends its checksum, whose initial value is the salt of the log XOR the number of the page.
+/// Pads the last page with zeros and appends its checksum. The initial value of the checksum is the salt of the log
+/// XOR the number of the page.
 fn seal(bytes: &mut Vec<u8>, salt: u32) {
     let start = bytes.len().saturating_sub(1) / PAGE * PAGE;
     bytes.resize(start + PAGE - 4, 0);

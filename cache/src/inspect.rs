@@ -1,4 +1,4 @@
-//! Statistics of a cache, verification and repair, and copying to another cache.
+//! Operations on a whole cache: statistics, verification, repair, and copying to another cache.
 
 use std::fs;
 use std::path::Path;
@@ -19,15 +19,15 @@ pub struct Stat {
     pub records: usize,
     /// The number of memos.
     pub memos: usize,
-    /// The number of blobs in the log of small blobs.
+    /// The number of blobs that are stored in the log of small blobs.
     pub small_blobs: usize,
     /// The number of blobs that are stored as separate files.
     pub large_blobs: usize,
     /// The total size of the large blobs.
     pub large_bytes: u64,
-    /// The size of both logs.
+    /// The total size of the log of records and the log of small blobs.
     pub log_bytes: u64,
-    /// The size of the replaced and removed entries in the logs. Compaction frees this space.
+    /// The size of those entries in the logs that were replaced or removed. Compaction frees this space.
     pub dead_bytes: u64,
     /// The size of the quarantine.
     pub quarantine_bytes: u64,
@@ -58,7 +58,7 @@ impl Checked {
 }
 
 impl Store {
-    /// Counts the contents. Reads the logs and no blob files.
+    /// Counts the contents of the cache. Reads the logs, but no blob files.
     ///
     /// # Errors
     /// If something cannot be read.
@@ -82,10 +82,10 @@ impl Store {
         })
     }
 
-    /// Reads and verifies everything. With `repair`, damaged blobs are quarantined, records that name missing blobs
-    /// are removed, and damaged logs are rewritten. Runs never require this, since every read verifies and repairs
-    /// what it reads. `progress` is called with the fraction that is done, from 0 to 1, and returns whether to
-    /// continue.
+    /// Reads and verifies everything. If `repair` is true, damaged blobs are quarantined, records that name missing
+    /// blobs are removed, and damaged logs are rewritten. Runs never need such a repair, since every read verifies
+    /// and repairs what it reads. `progress` receives the finished fraction of the work, from 0 to 1, and returns
+    /// true to continue.
     ///
     /// # Errors
     /// If something cannot be read or written.
@@ -137,9 +137,9 @@ impl Store {
         Ok(checked)
     }
 
-    /// Copies the records of `keys`, or all if it is `None`, with the blobs they name to another cache. Returns the
-    /// number of records copied. Records with missing or damaged blobs are not copied; damage is reported as an
-    /// [`Incident`](crate::Incident).
+    /// Copies records and the blobs that they name to another cache. `keys` selects the records; `None` selects
+    /// all. Returns the number of records copied. Records with missing or damaged blobs are not copied; damage is
+    /// reported as an [`Incident`](crate::Incident).
     ///
     /// # Errors
     /// If reading or writing fails.

@@ -1,7 +1,7 @@
 //! [`KeyWriter`]: encodes everything on which a result depends.
 //!
-//! The encoding is unambiguous. Its BLAKE3 hash is the key, and the encoding itself is the manifest: both are made
-//! of the same bytes, so they always agree, and a manifest costs no time until it is read.
+//! The encoding is unambiguous. Its BLAKE3 hash is the key, and the encoding itself is the manifest. Since both
+//! come from the same bytes, they always agree, and a manifest costs no time until it is read.
 
 use crate::digest::Digest;
 use crate::manifest::{FORMAT, Manifest, tag, write_length};
@@ -18,7 +18,7 @@ pub struct Key {
 /// Errors that prevent a key from being made.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum KeyError {
-    /// A number was NaN, which does not equal itself and so cannot identify anything.
+    /// A number is NaN. NaN does not equal itself, so it cannot be part of a key.
     #[error("`{path}` is not a number (NaN)")]
     NotANumber {
         /// The dotted path of the first such number.
@@ -28,8 +28,9 @@ pub enum KeyError {
 
 /// Collects the fields on which a result depends, in the order written.
 ///
-/// Two sequences of fields that differ in any name, type, value, order or nesting have different digests: every field is
-/// a type tag, a length-prefixed name and a fixed-size or length-prefixed value, and groups and lists end with a mark.
+/// Two sequences of fields that differ in any name, type, value, order or nesting have different digests. For this,
+/// every field is encoded as a type tag, a length-prefixed name and a fixed-size or length-prefixed value, and
+/// groups and lists end with a mark.
 /// Negative zero is written as zero; NaN makes [`finish`](Self::finish) fail.
 ///
 /// ```
@@ -61,14 +62,14 @@ impl KeyWriter {
         writer
     }
 
-    /// The encoding of the fields that `write` writes, for [`append`](Self::append).
+    /// Returns the encoding of the fields that `write` writes, to be passed to [`append`](Self::append).
     pub fn fields(write: impl FnOnce(&mut KeyWriter)) -> Vec<u8> {
         let mut writer = KeyWriter { encoding: Vec::new(), refused: false };
         write(&mut writer);
         writer.encoding
     }
 
-    /// Appends fields encoded by [`fields`](Self::fields). NaN in them is not detected.
+    /// Appends fields encoded by [`fields`](Self::fields). NaN in these fields is not detected.
     pub fn append(&mut self, fields: &[u8]) {
         self.encoding.extend_from_slice(fields);
     }

@@ -1,8 +1,8 @@
-//! One file per graph with the results of all lookups of its last run. The next run reads this file instead of
-//! searching for each record.
+//! One file per graph that contains the results of all lookups of the graph's last run. The next run reads this
+//! file instead of searching for each record.
 //!
 //! The file only saves time. If it is missing, damaged, or from another run, it is ignored. Every collection and
-//! repair removes all such files, so that they never name a record that was removed.
+//! every repair removes all of these files, so that they never name a record that was removed.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -16,12 +16,11 @@ use crate::settings::FORMAT;
 use crate::store::Store;
 use crate::temp::TempFile;
 
-/// The folder of these files, below [`FORMAT`].
+/// Name of the folder that contains these files. It lies in the folder [`FORMAT`].
 pub(crate) const FOLDER: &str = "last";
 
 impl Store {
-    /// Stores the lookups of the last run of the graph named `graph`, replacing the previous ones. Errors are
-    /// ignored.
+    /// Stores `bytes` as the lookups of the last run of `graph`, replacing the previous ones. Errors are ignored.
     pub fn last_run_put(&self, graph: &str, bytes: &[u8]) {
         let Some((folder, path)) = self.folder().zip(self.last_run_path(graph)) else { return };
         if self.is_read_only() {
@@ -35,7 +34,7 @@ impl Store {
         });
     }
 
-    /// The bytes that [`last_run_put`](Self::last_run_put) stored last, verified by their digest.
+    /// The bytes last stored for `graph` by [`last_run_put`](Self::last_run_put), verified by their digest.
     pub fn last_run_get(&self, graph: &str) -> Option<Vec<u8>> {
         read(&self.last_run_path(graph)?)
     }
@@ -52,7 +51,7 @@ impl Store {
     }
 }
 
-/// Like [`Store::last_run_get`], but reads from the cache in `folder` without opening that cache.
+/// Like [`Store::last_run_get`], but for the cache in `folder`, which is not opened.
 pub fn last_run(folder: &Path, graph: &str) -> Option<Vec<u8>> {
     read(&path(&folder.join(FORMAT), graph))
 }

@@ -1,10 +1,10 @@
-//! [`Lease`]: the right to compute the result of a key, so that one of several processes computes it and the others
-//! wait.
+//! [`Lease`]: the exclusive right to compute the result of a key. If several processes need the same result, one of
+//! them computes it and the others wait.
 //!
-//! A lease is a kernel lock on a file, so it ends with its process even if that is killed. Leases only save work:
-//! where locks are not supported, every request is granted. Holders renew their leases by setting the time of the
-//! file. Other processes do not wait for a holder that fails to do so, such as a stopped process: equal keys give
-//! equal bytes, so computing twice is safe.
+//! A lease is a kernel lock on a file, so it ends with its process even if the process is killed. Leases only save
+//! work: where locks are not supported, every request is granted. Holders renew their leases by setting the
+//! modification time of the file. Other processes do not wait for a holder that fails to do so, such as a stopped
+//! process. This is safe: equal keys give equal bytes, so a result may be computed twice.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File, TryLockError};
@@ -19,18 +19,20 @@ use crate::regular;
 use crate::settings::lock;
 use crate::stamp::same_file;
 
-/// The time after which a lease that its holder has not renewed counts as stalled. Holders renew every second.
+/// The time after which a lease counts as stalled if its holder has not renewed it. Holders renew their leases
+/// every second.
 pub const STALLED_AFTER: Duration = Duration::from_secs(10);
 
-/// The answer to a request for a lease.
+/// The result of a request for a lease.
 #[derive(Debug)]
 pub enum LeaseState {
-    /// The lease is held until it is dropped.
+    /// The lease was granted. It is held until it is dropped.
     Acquired(Lease),
     /// The lease is held by another thread or process.
     Busy,
-    /// The lease is held by another process that has not renewed it for [`STALLED_AFTER`], for example because it
-    /// is stopped. The caller may compute the key under the returned lease, which excludes no other process.
+    /// The lease is held by another process that has not renewed it for [`STALLED_AFTER`], for example because that
+    /// process is stopped. The caller may compute the result under the returned lease, which excludes no other
+    /// process.
     Stalled(Lease),
 }
 
@@ -61,12 +63,12 @@ impl Drop for Lease {
     }
 }
 
-/// The leases that a store holds and the leases for which it waits.
+/// The leases that a store holds, and the leases for which the store waits.
 #[derive(Debug, Default)]
 pub(crate) struct Leases {
     held: Mutex<Vec<Weak<File>>>,
-    /// For each lease held elsewhere: the modification time of its file, and the moment since which that time has
-    /// not changed.
+    /// For each lease for which the store waits: the modification time of the lease file, and the moment at which
+    /// this modification time was first seen.
     awaited: Mutex<BTreeMap<Digest, (Option<SystemTime>, Instant)>>,
 }
 
@@ -105,7 +107,7 @@ impl Leases {
     }
 }
 
-/// Tries once to lock the file at `path`, and creates it if it is missing.
+/// Tries once to lock the file at `path`. Creates the file if it is missing.
 pub(crate) fn try_lease(path: &Path) -> LeaseState {
     loop {
         match try_lock(path) {
@@ -120,7 +122,8 @@ pub(crate) fn try_lease(path: &Path) -> LeaseState {
     }
 }
 
-/// Opens and locks the file at `path`. Returns `None` if its holder removed the file between the two steps.
+/// Opens and locks the file at `path`. Returns `None` if another process removed the file after it was opened and
+/// before it was locked.
 fn try_lock(path: &Path) -> Result<Option<File>, TryLockError> {
     let file = match (regular::open_or_create(path), path.parent()) {
         (Err(error), Some(folder)) if error.kind() == io::ErrorKind::NotFound => {
@@ -132,7 +135,7 @@ fn try_lock(path: &Path) -> Result<Option<File>, TryLockError> {
     lock_opened(path, file)
 }
 
-/// Locks a file opened at `path`. Returns `None` if `path` now leads to another file or to none.
+/// Locks a file that was opened at `path`. Returns `None` if there is now another file or no file at `path`.
 fn lock_opened(path: &Path, file: File) -> Result<Option<File>, TryLockError> {
     file.try_lock()?;
     let ours = file.metadata().map_err(TryLockError::Error)?;

@@ -1,24 +1,25 @@
-//! Locations of the entries of a log, and the sizes of its parts.
+//! Locations of the entries of a log, and sizes of the contents of a log.
 
 use crate::digest::Digest;
 
 /// The identity of an entry: kind and key.
 pub(crate) type EntryId = (u8, Digest);
 
-/// Location of an entry: its offset in bytes from the end of the file's head, and the length of its payload.
+/// Location of an entry: offset in bytes, counted from the end of the file's head, and length of the payload.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Location {
     pub offset: u64,
     pub length: u32,
 }
 
-/// Sizes of the contents of a log, in bytes of its file.
+/// Sizes of the contents of a log file, in bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct LogSizes {
-    /// Entries that can be read.
+    /// Size of the valid entries.
     pub live: u64,
-    /// Entries that later ones replaced or removed, the removals themselves, and entries cut short.
+    /// Size of the entries that were replaced or removed by later ones, of the entries that remove others, and of
+    /// incomplete entries.
     pub dead: u64,
-    /// Bytes that belong to no entry.
+    /// Number of bytes that belong to no entry.
     pub damaged: u64,
 }

@@ -4,7 +4,8 @@ use std::hash::{BuildHasher, RandomState};
 
 use crate::entry::checksum;
 
-/// The length of the head in bytes: two equal copies of 32, so that one flipped byte cannot destroy the salt.
+/// The length of the head in bytes. The head consists of two equal copies of 32 bytes, so that one flipped byte
+/// cannot destroy the salt.
 pub(crate) const LENGTH: u64 = 64;
 
 const MAGIC: &[u8; 8] = b"LHlog\0\0\x01";

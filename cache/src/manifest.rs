@@ -43,13 +43,13 @@ pub struct Manifest {
 /// A field of a [`Manifest`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Line {
-    /// The path: names joined by dots, items of lists as `[0]`.
+    /// The path of the field: names joined by dots, and indices of list items in brackets, such as `[0]`.
     pub path: String,
     /// The value.
     pub value: Value,
 }
 
-/// The value of a field. Printed as in a graph file; digests by their first 12 digits.
+/// The value of a field. Values are printed as in a graph file, and digests as their first 12 digits.
 #[derive(Clone, Debug, PartialEq)]
 #[allow(missing_docs, reason = "the names are those of the types")]
 pub enum Value {
@@ -63,15 +63,15 @@ pub enum Value {
     Digest(Digest),
 }
 
-/// A difference between two manifests: a value that was changed, added (`old` is `None`) or removed (`new` is
+/// A difference between two manifests: a field that was changed, added (`old` is `None`) or removed (`new` is
 /// `None`).
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Change {
     /// The path, as in [`Line::path`].
     pub path: String,
-    /// The value before.
+    /// The value in the old manifest.
     pub old: Option<String>,
-    /// The value now.
+    /// The value in the new manifest.
     pub new: Option<String>,
 }
 
@@ -88,12 +88,13 @@ impl Manifest {
         Some(manifest)
     }
 
-    /// The encoding. Its digest equals the digest of the key.
+    /// The encoding. The digest of these bytes is the digest of the key.
     pub fn as_bytes(&self) -> &[u8] {
         &self.encoding
     }
 
-    /// Returns the encoding, whose memory [`KeyWriter::in_memory_of`](crate::KeyWriter::in_memory_of) can reuse.
+    /// Returns the encoding. Its memory can be reused by
+    /// [`KeyWriter::in_memory_of`](crate::KeyWriter::in_memory_of).
     pub fn into_bytes(self) -> Vec<u8> {
         self.encoding
     }
@@ -114,7 +115,8 @@ impl Manifest {
         lines
     }
 
-    /// The differences between two manifests, in the order of `new`, followed by the fields that only `old` has.
+    /// The differences between two manifests, in the field order of `new`, followed by the fields that only `old`
+    /// has.
     pub fn difference(old: &Manifest, new: &Manifest) -> Vec<Change> {
         let mut changes = Vec::new();
         if old.tag() != new.tag() {
@@ -137,7 +139,7 @@ impl Manifest {
         changes
     }
 
-    /// The path of the first field that is NaN.
+    /// The path of the first field whose value is NaN.
     pub(crate) fn first_nan(&self) -> Option<String> {
         let mut found = None;
         self.decode(|path, value| {
@@ -221,7 +223,7 @@ impl fmt::Display for Value {
     }
 }
 
-/// Appends a name, quoted if it contains characters that paths use.
+/// Appends a name to a path. The name is quoted if it contains characters with a meaning in paths.
 fn push_name(path: &mut String, name: &str) {
     if !path.is_empty() {
         path.push('.');
@@ -233,7 +235,7 @@ fn push_name(path: &mut String, name: &str) {
     }
 }
 
-/// Identifies each line by its path and a number that distinguishes lines with the same path.
+/// Pairs each line's path with a number that distinguishes lines with the same path.
 fn numbered(lines: Vec<Line>) -> Vec<((String, usize), Value)> {
     let mut seen: BTreeMap<String, usize> = BTreeMap::new();
     let place = |line: Line| {
@@ -248,7 +250,7 @@ fn change(path: &str, old: Option<&Value>, new: Option<&Value>) -> Change {
     Change { path: path.to_owned(), old: old.map(Value::to_string), new: new.map(Value::to_string) }
 }
 
-/// Reads fields from the front of an encoding; every method returns `None` if the bytes are malformed.
+/// Reads fields from the front of an encoding. Every method returns `None` if the bytes are malformed.
 struct Reader<'a> {
     rest: &'a [u8],
 }

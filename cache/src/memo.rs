@@ -1,5 +1,5 @@
-//! Memos: stored digests of files, each with the [`FileStamp`] for which it is valid, so that an unchanged file is
-//! not read again.
+//! Memos: stored digests of files, so that an unchanged file is not read again. Each memo contains the
+//! [`FileStamp`] for which its digest is valid.
 
 use std::fs::OpenOptions;
 use std::io::{self, Read};
@@ -19,7 +19,7 @@ pub(crate) fn encode(stamp: &FileStamp, digest: &Digest) -> Vec<u8> {
     [&stamp.to_bytes()[..], &stamp.taken_ns.to_le_bytes(), digest.as_bytes()].concat()
 }
 
-/// Returns the digest in `payload` if its stamp was settled (see [`FileStamp::is_settled`]) and equals the stamp
+/// Returns the digest in `payload` if the stamp in `payload` was settled (see [`FileStamp::is_settled`]) and equals
 /// `now`.
 pub(crate) fn recall(payload: &[u8], now: &FileStamp) -> Option<Digest> {
     let (stamp, rest) = payload.split_first_chunk::<40>()?;

@@ -19,8 +19,8 @@ const FILES: [&str; 7] =
 
 /// Moves every obstacle directly below `root` to the quarantine, and returns a report of each.
 ///
-/// A link to a file or folder of the expected type is not an obstacle. A dangling link is one, because no file may
-/// be created at its target.
+/// A link to a file or folder of the expected type is not an obstacle. A dangling link is an obstacle, because no
+/// file may be created at its target.
 pub(crate) fn clear_all(root: &Path) -> Vec<Incident> {
     // The quarantine itself comes first: nothing can be moved there before it is a folder.
     let quarantine = root.join(QUARANTINE);
@@ -34,7 +34,7 @@ pub(crate) fn clear_all(root: &Path) -> Vec<Incident> {
     found
 }
 
-/// The kind of entry that belongs at a path.
+/// The type of file-system object that is expected at a path.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Expected {
     File,
@@ -54,8 +54,8 @@ pub(crate) fn clear(root: &Path, path: &Path, expected: Expected) -> Option<Inci
     Some(Incident { digest: None, what: format!("{} is not a {name}; {outcome}", path.display()) })
 }
 
-/// If there is a folder at `path`, moves it to the quarantine of `root`, so that a file can be renamed to `path`.
-/// Only a folder prevents such a rename.
+/// If there is a folder at `path`, moves it to the quarantine of `root`, because no file can be renamed to the path
+/// of a folder.
 pub(crate) fn clear_folder(root: &Path, path: &Path) {
     if fs::symlink_metadata(path).is_ok_and(|found| found.is_dir()) {
         let _ = quarantine(root, path);
@@ -63,7 +63,7 @@ pub(crate) fn clear_folder(root: &Path, path: &Path) {
 }
 
 /// True if an object exists at `path` and `right` returns false for its metadata, or if `path` is a dangling link.
-/// Links are followed.
+/// A link is judged by the metadata of its target.
 fn is_obstacle(path: &Path, right: fn(&fs::Metadata) -> bool) -> bool {
     match fs::metadata(path) {
         Ok(found) => !right(&found),
@@ -71,8 +71,8 @@ fn is_obstacle(path: &Path, right: fn(&fs::Metadata) -> bool) -> bool {
     }
 }
 
-/// Moves the object at `path`, of any type, to the quarantine, or removes it if it cannot be moved. Links are
-/// moved, not followed. Returns a description of the action.
+/// Moves an object of any type at `path` to the quarantine, or removes it if it cannot be moved. A link is moved,
+/// not followed. Returns a description of the action.
 fn quarantine(root: &Path, path: &Path) -> io::Result<String> {
     let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let target = root.join(QUARANTINE).join(format!("{name}.{:08x}", fresh_salt()));

@@ -1,25 +1,27 @@
-//! [`PageCache`]: parts of a file kept in memory, so that neighbouring entries are read together.
+//! [`PageCache`]: recently read parts of a file, kept in memory. Each read fetches a whole page, so that
+//! neighbouring entries are read together.
 
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
 
-/// Bytes per read.
+/// Length of a page, and so of a read, in bytes.
 const PAGE: usize = 16 << 10;
 
 /// The maximum number of pages in memory.
 const MAX_PAGES: usize = 512;
 
-/// Pages of an append-only file: bytes before the `end` passed to each read never change.
+/// Pages of an append-only file. Bytes before the `end` that is passed to a read must never change.
 #[derive(Debug, Default)]
 pub(crate) struct PageCache {
     pages: BTreeMap<u64, Vec<u8>>,
-    /// The bytes of the last range read that spans several pages.
+    /// The bytes of the last range that was read across several pages.
     joined: Vec<u8>,
 }
 
 impl PageCache {
-    /// Returns `length` bytes at `offset`; fewer if `end` or the end of the file comes first.
+    /// Returns `length` bytes at `offset`. Returns fewer bytes if the range extends beyond `end` or the end of the
+    /// file.
     pub fn read(&mut self, file: &File, end: u64, offset: u64, length: usize) -> io::Result<&[u8]> {
         let page = offset / PAGE as u64;
         let at = (offset % PAGE as u64) as usize;
@@ -34,7 +36,7 @@ impl PageCache {
         Ok(joined)
     }
 
-    /// Returns a page. It is read first if fewer than `needed` of its bytes are in memory.
+    /// Returns a page. The page is read first if fewer than `needed` of its bytes are in memory.
     fn page(&mut self, mut file: &File, end: u64, page: u64, needed: usize) -> io::Result<&[u8]> {
         // The last page may have grown.
         if self.pages.get(&page).is_none_or(|bytes| bytes.len() < needed) {

@@ -1,4 +1,4 @@
-//! Pins: records that no collection removes, listed by name.
+//! Pins: named lists of records that no collection removes.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -12,8 +12,9 @@ use crate::regular;
 use crate::store::Store;
 
 impl Store {
-    /// Keeps the records of these keys, and the blobs they name, until the pin of this name is removed. A pin of
-    /// the same name is replaced. A pin is stored as text: the name, then the keys, one per line.
+    /// Keeps the records with these keys, and the blobs that the records name, until the pin called `name` is
+    /// removed. An existing pin of the same name is replaced. A pin is stored as text: the name, then the keys, one
+    /// per line.
     ///
     /// # Errors
     /// If the pin cannot be written.
@@ -35,7 +36,7 @@ impl Store {
         Ok(true)
     }
 
-    /// The name of each pin and the number of records it keeps, sorted by name.
+    /// The name of each pin and the number of records that it keeps, sorted by name.
     pub fn pins(&self) -> Vec<(String, usize)> {
         let mut pins: Vec<_> = self
             .pin_texts()

@@ -1,4 +1,4 @@
-//! [`publish_file`]: writing a user's file completely or not at all.
+//! [`publish_file`]: writes a user's file completely or not at all.
 
 use std::fs;
 use std::io::Write;
@@ -9,8 +9,8 @@ use crate::failpoint::{PUBLISH, PUBLISH_SYNCED, reach};
 use crate::temp::{TempFile, remove_stale_files, sync_folder};
 
 /// Writes `bytes` to `path` through a temporary file in the same folder, so that at any moment the file has either
-/// its old content or all of the new content. The folder is created if necessary. Once this function returns, a
-/// loss of power does not undo the write. A symbolic link is replaced, not followed.
+/// its old content or all of the new content. The folder is created if necessary. Once this function returns, the
+/// new content survives a loss of power. A symbolic link at `path` is replaced, not followed.
 ///
 /// # Errors
 /// [`Error::NotAFile`] if the path is a folder, a device or a pipe; [`Error::Full`] and [`Error::Io`] otherwise.
@@ -19,8 +19,8 @@ pub fn publish_file(path: &Path, bytes: &[u8]) -> Result<()> {
     publish_through(path, |to| to.write_all(bytes).at("write", path))
 }
 
-/// Like [`publish_file`], for content that is produced in pieces: `write` receives the writer of the temporary
-/// file. If it fails, the file at `path` is unchanged.
+/// Like [`publish_file`], for content that is produced in pieces. `write` receives a writer for the temporary file.
+/// If `write` fails, the file at `path` is unchanged.
 ///
 /// # Errors
 /// The errors of `write` and of [`publish_file`].

@@ -1,5 +1,5 @@
-//! Opens regular files only: a pipe would block forever, a device may have no end, and a file must not be created
-//! at the target of a dangling link.
+//! Functions that open regular files only. A pipe could block forever, a device may have no end, and no file may be
+//! created at the target of a dangling link.
 
 use std::fs::{self, File, Metadata, OpenOptions};
 use std::io::{self, Read};
@@ -66,8 +66,8 @@ pub(crate) fn metadata(path: &Path) -> io::Result<Option<Metadata>> {
     }
 }
 
-/// True if `error`, the result of following the link at `path`, means that the link is broken: its target does not
-/// exist, or is the link itself.
+/// True if the link at `path` is broken: its target does not exist, or is the link itself. `error` is the error of
+/// following the link.
 pub(crate) fn is_broken_link(path: &Path, error: &io::Error) -> bool {
     error.kind() != io::ErrorKind::PermissionDenied
         && fs::symlink_metadata(path).is_ok_and(|found| found.is_symlink())

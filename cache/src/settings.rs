@@ -5,7 +5,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use crate::digest::Digest;
 
-/// The folder of this format below the cache folder. A new format gets a new folder.
+/// The folder of this storage format in the cache folder. A new format gets a new folder.
 pub(crate) const FORMAT: &str = "v1";
 
 /// The kinds of entries in the log of records. Compaction keeps entries of other kinds unchanged.
@@ -15,8 +15,9 @@ pub(crate) mod kind {
     pub const HISTORY: u8 = 4;
 }
 
-/// The policy for syncing written data to the disk. It matters only for a loss of power, never for a killed
-/// process. Every read is verified, so data damaged by a loss of power are detected and computed again.
+/// The policy for syncing written data to the disk. Data that are not synced can be lost in a loss of power, but
+/// not by the death of a process. Every read is verified, so results that were damaged by a loss of power are
+/// detected and computed again.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Fsync {
     /// Sync once, in [`Store::flush`](crate::Store::flush).
@@ -33,17 +34,17 @@ pub enum Fsync {
 pub struct Options {
     /// The policy for syncing.
     pub fsync: Fsync,
-    /// True to write nothing, even if the folder is writable. Folders that are not writable are detected without
-    /// this.
+    /// True to write nothing, even if the folder is writable. A folder that is not writable is detected even if
+    /// this is false.
     pub read_only: bool,
 }
 
-/// Damage that was found, and repaired or bypassed. Callers should print it as a warning of one line.
+/// Damage that was found, and repaired or bypassed. Callers should print it as a one-line warning.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Incident {
-    /// The damaged blob; `None` if the damage was elsewhere.
+    /// The digest of the damaged blob; `None` if something other than a blob is damaged.
     pub digest: Option<Digest>,
-    /// The finding, and the action taken.
+    /// Description of the damage and of the action taken.
     pub what: String,
 }
 

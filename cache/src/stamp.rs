@@ -1,12 +1,12 @@
-//! [`FileStamp`]: the metadata of a file that change with its content.
+//! [`FileStamp`]: metadata of a file that show whether its content may have changed.
 
 use std::fs::{self, Metadata};
 use std::io;
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// The state of a file, identified by the result of one `stat`. Two equal stamps *probably* mean equal content;
-/// [`is_settled`](Self::is_settled) says when they certainly do.
+/// The state of a file, taken from the result of one `stat`. Two equal stamps *probably* mean equal content. If the
+/// earlier stamp [`is_settled`](Self::is_settled), they certainly do.
 #[derive(Clone, Copy, Debug)]
 pub struct FileStamp {
     /// Length in bytes.
@@ -19,14 +19,14 @@ pub struct FileStamp {
     pub dev: u64,
     /// Time of the last change of content or attributes, in nanoseconds since 1970.
     pub ctime_ns: i64,
-    /// Time at which this stamp was taken, in nanoseconds since 1970. The clock is read before the `stat`. Equality
-    /// ignores this field.
+    /// Time at which this stamp was taken, in nanoseconds since 1970. The clock is read before `stat` is called.
+    /// This field is ignored when stamps are compared.
     pub taken_ns: i64,
 }
 
-/// Resolution of file times in nanoseconds. A file that was changed less than this before its stamp was taken may
-/// change again without getting a new time. FAT counts in steps of two seconds, and no common file system is
-/// coarser.
+/// Assumed resolution of file times, in nanoseconds. If a file was changed less than this time before its stamp was
+/// taken, another change may leave the file time as it is. FAT has a resolution of two seconds, and no common file
+/// system has a coarser one.
 const GRANULARITY_NS: i64 = 2_000_000_000;
 
 impl PartialEq for FileStamp {
@@ -71,7 +71,7 @@ impl FileStamp {
         FileStamp { size: metadata.len(), mtime_ns, inode: 0, dev: 0, ctime_ns, taken_ns }
     }
 
-    /// The fields that are compared, as bytes to store.
+    /// Encodes the fields that are compared, for storage.
     pub fn to_bytes(&self) -> [u8; 40] {
         let numbers = [self.size, self.mtime_ns as u64, self.inode, self.dev, self.ctime_ns as u64];
         let mut bytes = [0; 40];
@@ -79,9 +79,8 @@ impl FileStamp {
         bytes
     }
 
-    /// True if the last change was long enough before the stamp was taken that any later change must give a
-    /// different stamp (the rule of git for "racily clean" files). Never true for a file whose time is in the
-    /// future.
+    /// True if the file's last change was so long before the stamp was taken that any later change must give a
+    /// different stamp (git's rule for "racily clean" files). Always false for a file whose time is in the future.
     pub fn is_settled(&self) -> bool {
         self.mtime_ns.max(self.ctime_ns).saturating_add(GRANULARITY_NS) < self.taken_ns
     }
@@ -94,7 +93,7 @@ pub(crate) fn same_file(a: &Metadata, b: &Metadata) -> bool {
     (a.dev(), a.ino()) == (b.dev(), b.ino())
 }
 
-/// True if two results of `stat` belong to the same file, judging by the time of its creation.
+/// True if two results of `stat` belong to the same file, judging by its creation time.
 #[cfg(not(unix))]
 pub(crate) fn same_file(a: &Metadata, b: &Metadata) -> bool {
     a.created().ok() == b.created().ok()

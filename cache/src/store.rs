@@ -1,5 +1,5 @@
-//! [`Store`]: one cache folder, or a store in memory. It is not based on an embedded database, since none supports
-//! many writing processes, opens in less than a millisecond and survives a kill at any moment.
+//! [`Store`]: one cache folder, or a store in memory. It is not based on an embedded database: none supports many
+//! writing processes, opens in less than a millisecond and also survives a kill at any moment.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -24,17 +24,17 @@ use crate::temp::{TempFile, remove_stale_files};
 
 const DAY_SECONDS: u64 = 24 * 60 * 60;
 
-/// The maximum number of memos in memory before they are written to the log.
+/// The maximum number of memos in memory. When it is reached, they are written to the log.
 const MAX_PENDING_MEMOS: usize = 4096;
 
-/// The maximum length of a value of history, in bytes.
+/// The maximum length of a value in a history table, in bytes.
 const MAX_VALUE: usize = 64 << 10;
 
 /// Marks a run as active until it is dropped; see [`Store::begin_run`].
-#[must_use = "the run is over when this is dropped"]
+#[must_use = "the run counts as ended when this is dropped"]
 pub struct Running(#[allow(dead_code, reason = "held until dropped")] Option<FileGuard>);
 
-/// Blobs, records, memos, history and leases in one folder, shared by any number of threads and processes.
+/// Blobs, records, memos, history and leases in one folder, which any number of threads and processes can share.
 ///
 /// In a read-only store, every operation that would write does nothing and succeeds.
 #[derive(Debug)]
@@ -47,24 +47,24 @@ pub struct Store {
     blobs: Blobs,
     /// Memos that are not yet in the log.
     pending_memos: Mutex<BTreeMap<Digest, Vec<u8>>>,
-    /// The tables of history that were opened, by name.
+    /// The history tables that were opened, by name.
     tables: Mutex<BTreeMap<String, Table>>,
     leases: Leases,
     incidents: Mutex<Vec<Incident>>,
 }
 
 impl Store {
-    /// Opens the cache in `folder`, creating it if necessary. If the folder cannot be written, or the disk is full,
-    /// the cache is opened read-only; a cache that does not exist yet is then empty. See
-    /// [`why_read_only`](Self::why_read_only). Anything of the wrong type at the path of a file or folder of the
-    /// cache is moved to the quarantine and reported as an [`Incident`].
+    /// Opens the cache in `folder`, creating it if necessary. If the folder cannot be written or the disk is full,
+    /// the cache is opened read-only; see [`why_read_only`](Self::why_read_only). If it does not exist yet, it is
+    /// then empty. Anything of the wrong type at the path of a file or folder of the cache is moved to the
+    /// quarantine and reported as an [`Incident`].
     ///
     /// # Errors
     /// If `folder` is not a folder or cannot be read; see [`unavailable`](Self::unavailable).
     pub fn open(folder: &Path, options: Options) -> Result<Store> {
         let reading = |why: String| Store::open_as(folder, options.fsync, Some(why));
         if options.read_only {
-            return reading("it was opened for reading".to_owned());
+            return reading("it was opened as read-only".to_owned());
         }
         match Store::open_as(folder, options.fsync, None) {
             // Stored results can still be read.
@@ -81,8 +81,8 @@ impl Store {
         Store::new(None, None, Fsync::Off, Log::in_memory(), Blobs::in_memory())
     }
 
-    /// An empty read-only store that replaces a cache that could not be opened; `why` is the reason. A run with
-    /// such a store computes everything and keeps nothing.
+    /// An empty read-only store that replaces a cache that could not be opened. `why` is the reason why it could
+    /// not be opened. A run with such a store computes everything and stores nothing.
     pub fn unavailable(why: String) -> Store {
         Store::new(None, Some(why), Fsync::Off, Log::in_memory(), Blobs::Nowhere)
     }
@@ -161,7 +161,8 @@ impl Store {
         &self.blobs
     }
 
-    /// The lock that runs hold as shared and a collection holds as exclusive. `None` if the store cannot be written.
+    /// The lock that a run holds as shared and a collection holds as exclusive. `None` if the store cannot be
+    /// written.
     pub(crate) fn runs(&self) -> Result<Option<FileLock>> {
         match &self.folder {
             Some(folder) if !self.is_read_only() => FileLock::open(&folder.join("runs.lock")).map(Some),
@@ -169,9 +170,9 @@ impl Store {
         }
     }
 
-    /// Marks a run of `graph` as active until the guard is dropped; until then no collection removes anything. If a
-    /// collection is active, waits until it ends or `cancelled` returns true. Also stores that the table of history
-    /// named `graph` was used today.
+    /// Marks a run of `graph` as active until the returned guard is dropped. No collection can start while the run
+    /// is active. If a collection is active, this function waits until it ends or `cancelled` returns true. Also
+    /// stores that the history table named `graph` was used today.
     pub fn begin_run(&self, graph: &str, cancelled: &dyn Fn() -> bool) -> Running {
         let today = today();
         // Stored in a separate table, since reading the table of a large graph takes long.
@@ -191,7 +192,9 @@ impl Store {
     fn report_damage(&self, records: &mut Log) {
         let damaged = records.take_damaged();
         if damaged > 0 {
-            let what = format!("{damaged} damaged bytes in the cache's records were skipped");
+            let what = format!(
+                "the cache's log of records contains damaged data, which was skipped (bytes: {damaged})"
+            );
             self.report(Incident { digest: None, what });
         }
     }
@@ -215,7 +218,8 @@ impl Store {
         Ok(digest)
     }
 
-    /// Stores `bytes`, whose digest is known. A wrong digest does no harm: it is detected by reading.
+    /// Stores `bytes` under a digest that the caller has computed. A wrong digest does no harm: it is detected when
+    /// the blob is read.
     ///
     /// # Errors
     /// If it cannot be written: see [`Error`].
@@ -223,8 +227,8 @@ impl Store {
         self.blobs.put(digest, bytes)
     }
 
-    /// The bytes with this digest, verified; `None` if they are not stored. A damaged blob is quarantined, reported as
-    /// an [`Incident`], and counts as not stored.
+    /// The bytes with this digest, verified; `None` if they are not stored. A damaged blob is quarantined and
+    /// reported as an [`Incident`], and `None` is returned.
     ///
     /// # Errors
     /// If reading fails because of missing permission, memory or file handles.
@@ -232,17 +236,17 @@ impl Store {
         self.blobs.get(digest, |incident| self.report(incident))
     }
 
-    /// True if a blob with this digest exists. It is not read, and so not verified.
+    /// True if a blob with this digest exists. The blob is not read, so it is not verified.
     pub fn has_blob(&self, digest: &Digest) -> bool {
         self.blobs.has(digest)
     }
 
     // --- records ---
 
-    /// Stores `payload` under `key`, replacing what was stored. Once this returns, the record survives the killing
-    /// or stopping of any process, with one exception. If another process was stopped while it held the lock, the
-    /// record is written without the lock. The record is lost if that other process later replaces the log by a
-    /// compacted one and is killed before it copies the record. The result is then computed again.
+    /// Stores `payload` under `key`, replacing any previous payload. Once this returns, the record survives the
+    /// death of any process, with one exception: if another process was stopped while it held the lock, the record
+    /// is written without the lock. The record is lost if that process later replaces the log with a compacted one
+    /// and is killed before it copies the record. The result is then computed again.
     ///
     /// # Errors
     /// If it cannot be written, or is longer than 16 MiB: see [`Error`].
@@ -283,7 +287,8 @@ impl Store {
         lock(&self.records).remove(kind::RECORD, key)
     }
 
-    /// The keys of all records, sorted, as far as this process has read.
+    /// The keys of all records that this process knows, sorted. Records that other processes have stored since the
+    /// last refresh may be missing.
     ///
     /// # Errors
     /// If the log cannot be read.
@@ -303,8 +308,8 @@ impl Store {
         memo::recall(&lock(&self.records).get(kind::MEMO, &key).ok()??, stamp)
     }
 
-    /// Remembers that the file at `path` had this digest. The stamp must have been taken before the file was read.
-    /// The memo is written by the next [`flush`](Self::flush).
+    /// Stores that the file at `path` had this digest when `stamp` was taken. The stamp must have been taken before
+    /// the file was read. The memo is written by the next [`flush`](Self::flush).
     pub fn memo_put(&self, path: &Path, stamp: &FileStamp, digest: &Digest) {
         let Ok(key) = memo::key(path) else { return };
         let full = {
@@ -340,21 +345,21 @@ impl Store {
         Ok((digest, length))
     }
 
-    /// Stores `value` under `name` in a table of history, replacing any previous value. Each table is read and
-    /// written as a whole. Values over 64 KiB are not stored. The table is written by the next
-    /// [`flush`](Self::flush); until then the value may be lost.
+    /// Stores `value` under `name` in a history table, replacing any previous value. Each table is read and written
+    /// as a whole. Values over 64 KiB are not stored. The table is written by the next [`flush`](Self::flush);
+    /// until then the value may be lost.
     pub fn history_put(&self, table: &str, name: &str, value: &[u8]) {
         if value.len() <= MAX_VALUE {
             self.with_table(table, |table| table.put(name, value));
         }
     }
 
-    /// The value last stored under `name` in a table of history.
+    /// The value last stored under `name` in a history table.
     pub fn history_get(&self, table: &str, name: &str) -> Option<Vec<u8>> {
         self.with_table(table, |table| table.get(name).map(<[u8]>::to_vec))
     }
 
-    /// If a table of history has more than `limit` values, removes those for whose names `keep` returns false.
+    /// If a history table has more than `limit` values, removes each value for whose name `keep` returns false.
     pub fn history_trim(&self, table: &str, limit: usize, keep: impl Fn(&str) -> bool) {
         self.with_table(table, |table| table.trim(limit, keep));
     }
@@ -369,7 +374,7 @@ impl Store {
         act(tables.entry(name.to_owned()).insert_entry(table).into_mut())
     }
 
-    /// Writes pending memos and changed tables of history to the log.
+    /// Writes pending memos and changed history tables to the log.
     fn write_pending(&self) -> Result<()> {
         let memos = std::mem::take(&mut *lock(&self.pending_memos));
         if self.is_read_only() {
@@ -393,8 +398,8 @@ impl Store {
 
     // --- leases ---
 
-    /// Requests the right to compute `key`. The new holder must look for the record again: the previous holder may
-    /// have stored it.
+    /// Requests the right to compute `key`. A caller that gets the lease must look for the record again, since the
+    /// previous holder may have stored it.
     pub fn lease(&self, key: &Digest) -> LeaseState {
         match &self.folder {
             Some(folder) if !self.is_read_only() => {
@@ -404,14 +409,14 @@ impl Store {
         }
     }
 
-    /// Shows other processes that the holder of this store's leases is at work. Must be called every second while
-    /// leases are held; see [`LeaseState::Stalled`].
+    /// Renews all leases of this store, so that other processes continue to wait for them. Must be called every
+    /// second while leases are held; see [`LeaseState::Stalled`].
     pub fn renew_leases(&self) {
         self.leases.renew();
     }
 
-    /// Requests the lease repeatedly until it is not busy. Returns `Busy` after `timeout`, and when `cancelled` returns
-    /// true.
+    /// Requests the lease repeatedly until it is no longer busy. Returns `Busy` after `timeout`, or when
+    /// `cancelled` returns true.
     pub fn wait_for_lease(
         &self,
         key: &Digest,
@@ -433,8 +438,8 @@ impl Store {
 
     // --- care ---
 
-    /// Ends a run: writes memos and history, syncs unless the policy is [`Fsync::Off`], and compacts logs that
-    /// contain mostly dead entries.
+    /// Ends a run: writes memos and history, syncs unless the policy is [`Fsync::Off`], and compacts logs that are
+    /// damaged or contain mostly dead entries.
     ///
     /// # Errors
     /// If writing or syncing fails: see [`Error`]. A blob that could not be synced is removed.
@@ -456,8 +461,8 @@ impl Store {
         reach(failpoint::FLUSH_AFTER).at("flush", folder)
     }
 
-    /// Removes files that killed processes left in the cache folder: leases and temporary files. Returns the number
-    /// of temporary files removed.
+    /// Removes the lease files and temporary files that killed processes left in the cache folder. Returns the
+    /// number of temporary files removed.
     pub fn sweep(&self) -> usize {
         let Some(folder) = self.folder.as_deref().filter(|_| !self.is_read_only()) else { return 0 };
         let leases = fs::read_dir(folder.join("leases")).into_iter().flatten().flatten();
@@ -476,12 +481,12 @@ impl Drop for Store {
     }
 }
 
-/// The start of the current day in seconds since 1970. Uses of results are recorded by day.
+/// The start of the current day (UTC) in seconds since 1970. The last use of results is recorded by day.
 pub fn today() -> u64 {
     seconds(SystemTime::now()) / DAY_SECONDS * DAY_SECONDS
 }
 
-/// Creates the cache folder, with a tag file that makes backup programs skip it.
+/// Creates the cache folder with a tag file. The tag file makes backup programs skip the folder.
 fn create_folder(folder: &Path, root: &Path) -> Result<()> {
     if root.is_dir() {
         return Ok(());

@@ -1,5 +1,6 @@
-//! [`TempFile`]: a file that is written under a temporary name and then renamed, so that no reader sees a part of
-//! it. The crate `tempfile` does not lock its files, so other processes could not recognise an abandoned one.
+//! [`TempFile`]: a file that is written under a temporary name and then renamed, so that no reader sees an
+//! incomplete file. The crate `tempfile` is not used: it does not lock its files, so other processes could not
+//! recognise an abandoned file.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
@@ -13,11 +14,11 @@ use crate::failpoint::{FilePoints, reach};
 /// The suffix of every temporary name.
 const SUFFIX: &str = ".lightharmony-temp";
 
-/// The age from which an unlocked temporary file counts as left by a killed process. A running process locks each
-/// file as soon as it has created it.
+/// Age at which an unlocked temporary file counts as left by a killed process. A running process locks each file
+/// immediately after creating it.
 const STALE: Duration = Duration::from_secs(10);
 
-/// A file under a temporary name. It is removed when dropped without [`persist`](Self::persist).
+/// A file under a temporary name. It is removed if it is dropped before [`persist`](Self::persist) is called.
 ///
 /// The file is locked while it is open, so that [`remove_stale_files`] never removes the file of a running process,
 /// even if clocks are wrong.
@@ -29,7 +30,7 @@ pub(crate) struct TempFile {
 }
 
 impl TempFile {
-    /// Creates a file in `folder`. Creates the folder, too, if necessary.
+    /// Creates a file in `folder`, and the folder itself if necessary.
     pub fn create(folder: &Path, points: &'static FilePoints) -> Result<TempFile> {
         static COUNT: AtomicU64 = AtomicU64::new(0);
         reach(points.before_create).at("create a file in", folder)?;
@@ -113,14 +114,14 @@ impl Drop for TempFile {
     }
 }
 
-/// Forces the names in a folder onto the disk. Not every system supports this. Where it is unsupported, verified
-/// reads detect lost files.
+/// Forces the names of the files in a folder onto the disk. Not every system supports this. Where it is not
+/// supported, a lost file is detected when it is read.
 pub(crate) fn sync_folder(folder: &Path) {
     let _ = File::open(folder).and_then(|folder| folder.sync_all());
 }
 
-/// Removes the temporary files in `folder` (not below it) that killed writers left, and returns their number. Files of
-/// live processes are never removed.
+/// Removes the temporary files that killed writers left in `folder`, and returns the number of files removed.
+/// Subfolders are not searched, and files of live processes are never removed.
 pub(crate) fn remove_stale_files(folder: &Path) -> usize {
     let unlocked =
         |path: &Path| OpenOptions::new().write(true).open(path).is_ok_and(|file| file.try_lock().is_ok());
@@ -129,8 +130,8 @@ pub(crate) fn remove_stale_files(folder: &Path) -> usize {
     })
 }
 
-/// Calls `remove` for everything in `folder` whose name ends with `suffix` and that is old enough to be stale. Returns
-/// how often `remove` returned true.
+/// Calls `remove` for every object in `folder` whose name ends with `suffix` and that is old enough to be stale.
+/// Returns the number of calls that returned true.
 pub(crate) fn remove_stale(
     folder: &Path,
     suffix: &str,

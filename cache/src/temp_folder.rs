@@ -11,13 +11,13 @@ use crate::temp::remove_stale;
 /// The suffix of the name of every temporary folder.
 const SUFFIX: &str = ".lightharmony-folder";
 
-/// A folder that is removed with everything in it when this is dropped.
+/// A folder that is removed, with everything in it, when this value is dropped.
 ///
-/// The folder is locked while it is in use. Creating another temporary folder in the same parent removes unlocked
-/// ones, which killed processes left.
+/// The folder is locked while it is in use. Creating a temporary folder removes all unlocked temporary folders in
+/// the same parent, since killed processes left them.
 pub struct TempFolder {
     path: PathBuf,
-    /// The open folder, which is locked; `None` where the system cannot open folders.
+    /// The open and locked folder; `None` on systems that cannot open folders.
     _held: Option<File>,
 }
 
@@ -30,8 +30,7 @@ impl TempFolder {
         Self::create(parent, &DirBuilder::new())
     }
 
-    /// Creates a folder in the system's temporary folder. Only its owner can read it, where the system supports
-    /// that.
+    /// Creates a folder in the system's temporary folder. On systems with permissions, only its owner can read it.
     ///
     /// # Errors
     /// If the folder cannot be created.
@@ -73,7 +72,7 @@ impl Drop for TempFolder {
     }
 }
 
-/// Removes the temporary folders that killed processes left in a folder.
+/// Removes the temporary folders in `parent` that killed processes left.
 fn remove_stale_folders(parent: &Path) {
     let unlocked = |path: &Path| File::open(path).is_ok_and(|folder| folder.try_lock().is_ok());
     remove_stale(parent, SUFFIX, |path, found| {

@@ -1,4 +1,4 @@
-//! Tests of collections, of verification and of copies of a cache.
+//! Tests of the collection, verification and copying of a cache.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::fs::{self, File};
@@ -13,7 +13,8 @@ fn open(folder: &Path) -> Store {
     Store::open(folder, Options { fsync: Fsync::Off, read_only: false }).unwrap()
 }
 
-/// The blobs that a record names; in these tests the payload of a record is their digests.
+/// The digests of the blobs that a record names. In these tests, the payload of a record is the list of these
+/// digests.
 fn names(payload: &[u8]) -> Vec<Digest> {
     payload.as_chunks::<32>().0.iter().map(|digest| Digest::from_bytes(*digest)).collect()
 }
@@ -27,8 +28,8 @@ fn value(n: u8, length: usize) -> Vec<u8> {
     (0..length).map(|at| n ^ (at % 251) as u8).collect()
 }
 
-/// Creates a cache with records 0 to 9. Each names a large blob, a small blob, and a blob that all share. The
-/// higher the number of a record, the later it was used.
+/// Creates a cache with records 0 to 9. Each record names a large blob of its own, a small blob of its own, and a
+/// blob that all records share. Records with higher numbers were used later.
 fn filled() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let store = open(folder.path());
@@ -47,7 +48,7 @@ fn blob_path(folder: &Path, digest: &Digest) -> PathBuf {
     folder.join("v1/blobs").join(&name[..2]).join(name)
 }
 
-/// Sets the last use of the large blob of a record to `days` days ago.
+/// Sets the last use of record `n` to `days` days ago, by changing the file time of its large blob.
 fn set_used(folder: &Path, n: u8, days: u64) {
     let path = blob_path(folder, &Digest::of(&value(n, 100_000)));
     let file = File::options().write(true).open(path).unwrap();
@@ -70,7 +71,7 @@ fn size(folder: &Path) -> u64 {
     size
 }
 
-/// The records that are stored; panics if one lacks a blob.
+/// The numbers of the stored records. Panics if a record lacks a blob.
 fn whole(folder: &Path) -> Vec<u8> {
     let store = open(folder);
     let found = |n: &u8| {
@@ -117,7 +118,7 @@ fn age_history_and_pins_decide() {
     drop(store.begin_run("graph", &|| false));
     store.history_put("graph", "node", key(2).as_bytes());
     store.flush().unwrap();
-    // The limit lies half a day from every age, so that the time of day does not matter.
+    // The limit differs from every age by at least half a day, so that the time of day does not matter.
     let old = Limits { max_age: Some(DAY * 29 / 2), ..Limits::default() };
     let done = collect(&store, old);
     assert_eq!((done.records, done.pinned), (3, 2), "3, 4 and 5 were used 17 to 15 days ago");

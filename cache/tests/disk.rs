@@ -1,6 +1,6 @@
-//! Tests with full disks and with folders that cannot be written. The disk is a small tmpfs in a namespace of the
-//! child process. Where the system does not permit mounting one, the test prints that and passes: `kill.rs`
-//! simulates the same error on every system.
+//! Tests with full disks and with folders that cannot be written. The disk is a small tmpfs, mounted in a namespace
+//! of the child process. Where the system does not permit mounting it, the test prints a message and passes;
+//! `kill.rs` simulates the same error on every system.
 #![cfg(target_os = "linux")]
 #![allow(clippy::unwrap_used, clippy::print_stderr, reason = "a test may panic and speak")]
 

@@ -1,5 +1,5 @@
-//! Tests of the index of a log, which only saves time: whatever happens to the index or to the log, reading returns
-//! what was stored.
+//! Tests of the index of a log. The index only saves time: reading must return what was stored, whatever happens to
+//! the index or to the log.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::fs;
@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use cache::{Digest, Fsync, Options, Store};
 
-/// Number of records, large enough that the log gets an index.
+/// Number of records. It is large enough that the log gets an index.
 const COUNT: u32 = 1500;
 
 fn open(folder: &Path) -> Store {
@@ -35,7 +35,7 @@ fn filled() -> tempfile::TempDir {
     folder
 }
 
-/// Number of records that `store` contains. Panics on a wrong value.
+/// Number of records that `store` contains. Panics if a record has a wrong value.
 fn found(store: &Store) -> u32 {
     let there = |n: &u32| {
         let value = store.get_record(&key(*n));

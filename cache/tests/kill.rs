@@ -1,5 +1,5 @@
-//! Kills a process, or simulates an error of its disk, at every named place, and checks the cache. Needs the
-//! feature `failpoints`. The child processes are this test program, with the test `child`.
+//! Kills a process, or simulates a disk error, at every failpoint, and then checks the cache. The tests need the
+//! feature `failpoints`. They run this test program as a child process, with the test `child`.
 #![cfg(feature = "failpoints")]
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
@@ -24,10 +24,10 @@ fn key(n: u8) -> Digest {
 
 const ROUNDS: u8 = 6;
 
-/// Performs each operation of the store at least once, and logs the operations that succeeded.
+/// Performs each operation of the store at least once, and writes the operations that succeeded to a file.
 fn work(folder: &Path) -> Result<()> {
     let mut acknowledged = OpenOptions::new().create(true).append(true).open(folder.join("log")).unwrap();
-    // One write per line, so that a kill leaves no half line.
+    // Each line is written in one call, so that a kill leaves no incomplete line.
     let mut note = |line: String| acknowledged.write_all((line + "\n").as_bytes()).unwrap();
     let mut store = open(&folder.join("cache"))?;
     if store.is_read_only() {
@@ -81,7 +81,7 @@ fn child() {
     }
 }
 
-/// Runs a child process that stops at a failpoint. Returns whether it stopped.
+/// Runs a child process that stops at a failpoint. Returns whether the child process stopped.
 fn run(folder: &Path, failpoint: Option<&str>) -> bool {
     let mut command = Command::new(std::env::current_exe().unwrap());
     command.args(["--exact", "child", "--ignored", "--nocapture"]).env("CACHE_TEST_FOLDER", folder);
@@ -96,7 +96,7 @@ fn run(folder: &Path, failpoint: Option<&str>) -> bool {
     !output.status.success()
 }
 
-/// Checks that every acknowledged result is stored, and that no wrong result is.
+/// Checks that every result that was acknowledged is stored, and that no stored result is wrong.
 fn check(folder: &Path, what: &str) {
     let log = fs::read_to_string(folder.join("log")).unwrap_or_default();
     let store = open(&folder.join("cache")).unwrap();
@@ -130,7 +130,8 @@ fn check(folder: &Path, what: &str) {
     }
 }
 
-/// The counts at which child processes are stopped at each failpoint; `work` reaches no failpoint more often.
+/// Counts for failpoints: the child process is stopped when it reaches a failpoint for the first, second, third,
+/// seventh or twelfth time. `work` reaches no failpoint more than twelve times.
 const COUNTS: [u64; 5] = [1, 2, 3, 7, 12];
 
 #[test]

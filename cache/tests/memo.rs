@@ -1,4 +1,4 @@
-//! Tests of memos: an unchanged file is not read, a changed file always is.
+//! Tests of memos: an unchanged file is not read again, and a changed file always is.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::fs::{self, File};

@@ -1,6 +1,6 @@
-//! Tests with objects of the wrong type in the cache folder. A run completes whatever is at the path of a file or
-//! folder of the cache: the obstacle is moved away, nothing is created or changed through a link, and no operation
-//! waits for a pipe.
+//! Tests with objects of the wrong type in the cache folder. Whatever is at the path of a file or folder of the
+//! cache, a run completes: the obstacle is moved away, nothing is created or changed through a link, and no
+//! operation waits for a pipe.
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
@@ -39,7 +39,7 @@ fn work(store: &Store) {
     store.sweep();
 }
 
-/// The relative paths of all folders and files in a used cache folder.
+/// The relative paths of all folders and files in a cache that was used.
 fn names(folder: &Path) -> Vec<PathBuf> {
     let (mut names, mut folders) = (Vec::new(), vec![folder.join("v1")]);
     while let Some(next) = folders.pop() {
@@ -73,7 +73,7 @@ fn remove(path: &Path) {
 const OBSTACLES: [&str; 7] =
     ["folder", "full folder", "file", "dangling link", "link to itself", "link to a file", "pipe"];
 
-/// Makes an obstacle at `path`. The targets of links are in `outside`.
+/// Creates an obstacle of the type `what` at `path`. The targets of links are in `outside`.
 fn obstruct(path: &Path, outside: &Path, what: &str) {
     match what {
         "folder" => fs::create_dir(path).unwrap(),

@@ -1,4 +1,5 @@
-//! Tests with several processes on one cache. The child processes are this test program, with the test `child`.
+//! Tests with several processes that use one cache. The tests run this test program as a child process, with the
+//! test `child`.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::fs;

@@ -25,7 +25,7 @@ fn payload(n: u32) -> Vec<u8> {
 
 const COUNT: u32 = 8;
 
-/// A folder with a log of eight records, its bytes, and where each entry ends.
+/// A folder with a log of eight records, the bytes of the log, and the offsets at which its entries end.
 fn filled() -> (tempfile::TempDir, Vec<u8>, Vec<usize>) {
     let folder = tempfile::tempdir().unwrap();
     let store = open(folder.path());
@@ -40,7 +40,7 @@ fn filled() -> (tempfile::TempDir, Vec<u8>, Vec<usize>) {
     (folder, bytes, ends)
 }
 
-/// Numbers of the records that `store` contains. Panics on a wrong value.
+/// The numbers of the records that `store` contains. Panics if a record has a wrong value.
 fn found(store: &Store) -> Vec<u32> {
     let there = |n: &u32| {
         let value = store.get_record(&key(*n));
@@ -195,7 +195,7 @@ fn other_handles_see_appends_and_compaction() {
 fn a_reader_with_a_torn_tail_sees_what_replaces_it() {
     let (folder, bytes, ends) = filled();
     let cut = ends[COUNT as usize - 1];
-    // The last entry torn by one byte, then followed by another one: bytes in a log are never changed.
+    // The last entry lacks one byte and is followed by another entry, since bytes of a log are never changed.
     let torn = &bytes[..bytes.len() - 1];
     fs::write(log(folder.path()), torn).unwrap();
     let reader = open(folder.path());

@@ -97,7 +97,7 @@ impl MakeReport {
         let name = loaded.graph.source.name.clone();
         let page = page(&bench, &metric, &measured).map_err(|miss| match miss {
             Miss::Stopped | Miss::Late => Error::Output(std::io::ErrorKind::Interrupted.into()),
-            Miss::Failed(why) => trade::Error::Setting { setting: "as it is".to_owned(), why }.into(),
+            Miss::Failed(why) => trade::Error::Setting { setting: "current settings".to_owned(), why }.into(),
         })?;
         cache::publish_file(&self.out, page.finish(&format!("Work and error of {name}")).as_bytes())?;
         if self.json {

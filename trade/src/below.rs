@@ -1,39 +1,43 @@
-//! Search for all settings that cost less than a bound, or for as many of them as may be measured.
+//! Search for all settings that cost less than a bound. If not all of them may be measured, it finds as many as
+//! possible.
 
 use std::collections::BTreeSet;
 
 use crate::search::{Steps, Tried};
 
 /// Minimum margin for savings, as a share of the cost. Raising a knob may save work elsewhere, since light then
-/// takes other paths. The margin is also at least [`TIMES`] the largest measured saving. The result is complete if
-/// raising knobs never saves more than the margin. This is supported by measurements, but not proved.
+/// takes other paths. The margin is at least this, and at least [`TIMES`] times the largest measured saving. The
+/// result is complete if raising knobs never saves more than the margin. Measurements support this assumption, but
+/// do not prove it.
 const MARGIN: f64 = 0.05;
-/// Ratio of the margin to the largest measured saving.
+/// Minimum ratio of the margin to the largest measured saving.
 const TIMES: f64 = 2.0;
 
 /// Settings that cost less than a bound.
 #[derive(Debug, PartialEq)]
 pub struct Below {
-    /// The cheapest position among those with every knob at its minimum.
+    /// The cheapest measured position with every ordered knob at its minimum. Knobs whose values have no order may
+    /// have any value.
     pub least: Tried,
-    /// The settings found below the bound, including known ones.
+    /// The settings found that cost less than the bound, including settings that were known before.
     pub all: Vec<Tried>,
-    /// True if `all` contains every setting below the bound, provided that raising knobs saves no more than
-    /// `margin`. False if there were more settings than may be measured, or measuring ended early.
+    /// True if `all` contains every setting that costs less than the bound, assuming that raising knobs saves no
+    /// more than `margin`. False if there were more settings than may be measured, or if measuring ended early.
     pub complete: bool,
-    /// Maximum share of a position's cost that raising its knobs is assumed to save. An unmeasured position can
-    /// cost less than the bound only if more is saved.
+    /// Maximum share of a position's cost that raising its knobs is assumed to save. If this holds, no unmeasured
+    /// position costs less than the bound.
     pub margin: f64,
-    /// Savings measured when knobs were raised.
+    /// Measured savings from raising knobs.
     pub saved: Saved,
 }
 
-/// Savings by raising one or several knobs.
+/// Savings from raising one or several knobs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Saved {
-    /// Number of pairs of measured positions in which every knob of one position is at or above that of the other.
+    /// Number of pairs of different measured positions in which each ordered knob of the second position is at or
+    /// above its value in the first position, and all other knobs are equal.
     pub pairs: usize,
-    /// The largest share of the cost that was saved.
+    /// The largest saving among these pairs, as a share of the cost of the first position; 0 if no pair saves.
     pub most: f64,
 }
 
@@ -53,12 +57,12 @@ impl Saved {
     }
 }
 
-/// Finds all positions that cost less than a bound. The search starts with every knob at its minimum and raises the
+/// Finds all positions that cost less than `bound`. The search starts with every knob at its minimum and raises the
 /// knobs. For knobs whose values have no order, all values are tried. The search does not continue from a position
-/// if raising its knobs would have to save more than the margin to bring its cost below the bound. The
-/// margin is derived from the savings between `known` positions and positions measured on the way. At most `most`
-/// positions are measured, first those next to the positions with the smallest error. Returns `None` if measuring
-/// ended before the first position.
+/// if raising its knobs would have to save more than the margin to bring its cost below the bound. The margin is
+/// derived from the savings between all measured positions, including the `known` ones. At most `most` positions
+/// are measured. The neighbours of the positions with the smallest error are measured first. Returns `None` if
+/// measuring ended before the first position.
 pub fn below(
     knobs: &[Steps],
     known: &[Tried],
@@ -89,8 +93,9 @@ pub fn below(
     }
 }
 
-/// Measures every position whose cost would be below the bound if the margin were saved, and the neighbours above
-/// such positions, starting from the minimum. Returns the measured positions, and true if none is missing.
+/// Measures positions, starting with every knob at its minimum. If the cost of a position minus the margin is below
+/// the bound, the positions with one knob raised by one value are measured as well. Returns the measured positions,
+/// and true if none of the positions to measure is missing.
 fn upwards(
     knobs: &[Steps],
     bound: f64,
@@ -165,8 +170,8 @@ mod tests {
             let found = below(&knobs, &[], 100.0, most, |a| Some((cost(a), 0.5))).unwrap();
             assert_eq!((found.all.len(), found.complete), (most, complete), "there are 24");
         }
-        // Known positions below the bound are included as well. This fails if `all` contains only positions in
-        // `measured`.
+        // Known positions that cost less than the bound are included as well. This test fails if `all` contains
+        // only positions in `measured`.
         let known = [Tried { assignment: vec![2, 3, 1], cost: cost(&[2, 3, 1]), error: 0.1 }];
         let found = below(&knobs, &known, 100.0, 3, |a| Some((cost(a), 0.5))).unwrap();
         assert!(found.all.len() == 4 && found.all.iter().any(|tried| tried.error == 0.1));
@@ -186,9 +191,9 @@ mod tests {
         assert!(found.all.iter().any(|tried| tried.assignment == [3, 0]), "{:?}", found.all);
     }
 
-    // Three knobs save 4 % each and 11.5 % together. The only position below the bound lies beyond positions from
-    // which a search with a margin of 5 % does not continue. Two known positions show that the margin must be
-    // larger.
+    // Each of three knobs saves 4 %, and together they save 11.5 %. The only position below the bound lies beyond
+    // positions from which a search with a margin of 5 % does not continue. Two known positions show that the
+    // margin must be larger.
     #[test]
     fn what_several_knobs_save_together_is_allowed_for_where_it_was_seen() {
         let knobs = steps([2, 2, 2]);
@@ -213,7 +218,7 @@ mod tests {
         assert!(!found.complete && found.all.iter().any(|tried| tried.assignment == [0, 8]), "{found:?}");
     }
 
-    // Two methods have no order, so both are tried, however expensive the first is.
+    // The two methods have no order, so both are tried, even if the first one is expensive.
     #[test]
     fn values_without_an_order_are_all_gone_through() {
         let mut knobs = steps([3, 2]);

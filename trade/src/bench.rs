@@ -1,4 +1,4 @@
-//! Runs a graph at given settings of its knobs, and measures the cost and the errors of its pictures.
+//! Runs a graph at given settings of its knobs, and measures the cost of each run and the errors of its pictures.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -21,26 +21,26 @@ use crate::search::Steps;
 use crate::tunables::{Assignment, Tunable, same_nodes, tunables};
 use crate::work::work_of;
 
-/// The cost of a node, including cached parts.
+/// The cost of running a node without a cache, from its last run.
 #[derive(Debug, Clone)]
 pub struct NodeCost {
     /// Name of the node.
     pub id: String,
-    /// Name of its kind.
+    /// Name of the node's kind.
     pub kind: &'static str,
-    /// Work, in rays.
+    /// Work of the node, in rays.
     pub work: f64,
-    /// Wall time of its code when it ran, in seconds.
+    /// Wall time of the node's code, in seconds, when it was run.
     pub seconds: f64,
-    /// CPU time of its code when it ran, in seconds.
+    /// CPU time of the node's code, in seconds, when it was run.
     pub cpu_seconds: f64,
-    /// Deterministic counts of its run.
+    /// Deterministic counts of the operations that the node performed.
     pub counts: Counts,
     /// Notes of the node.
     pub notes: Vec<Note>,
-    /// True if it has an instance for each value of an axis.
+    /// True if the node has a separate instance for each value of an axis.
     pub varies: bool,
-    /// Key of the node. Nodes with equal keys are one action.
+    /// Key of the node. Nodes with equal keys share one action.
     pub key: Option<Digest>,
 }
 
@@ -54,53 +54,53 @@ pub struct Point {
     pub seconds: f64,
     /// Sum of the CPU times of the nodes, in seconds.
     pub cpu_seconds: f64,
-    /// All nodes that the pictures need, in the order of the graph.
+    /// All nodes on which the pictures depend, in the order of the graph.
     pub nodes: Vec<NodeCost>,
     /// Errors of the pictures relative to the reference.
     pub off: Vec<Off>,
 }
 
 impl Point {
-    /// Number of actions of a run, where nodes with equal keys count once.
+    /// Number of actions of a run. Nodes with equal keys count as one action.
     pub fn actions(&self) -> usize {
         self.nodes.iter().filter_map(|node| node.key).collect::<BTreeSet<_>>().len()
     }
 }
 
-/// Callback for the events of runs, with the name of the setting, the number of settings measured before, and the
-/// event.
+/// Callback for the events of runs. Its arguments are the name of the setting, the number of settings measured
+/// before, and the event.
 pub type Observer<'e> = Box<dyn FnMut(&str, usize, &Event) + 'e>;
 
-/// A graph at different settings of its knobs.
+/// A graph that is measured at different settings of its knobs.
 pub struct Bench<'e> {
     engine: &'e Engine,
     registry: Registry,
     base: Graph,
-    /// Name of the graph, under which the history of its own runs is stored.
+    /// Name of the graph. The history of the user's own runs of the graph is stored under this name.
     name: String,
     outputs: Vec<Output>,
     targets: Vec<usize>,
-    /// The knobs, and other fields that the graph's own presets set.
+    /// The knobs of the graph, and other fields that are set by the graph's own presets.
     pub tunables: Vec<Tunable>,
     /// Names of the pictures that are not judged.
     pub unjudged: Vec<String>,
-    /// Remarks on pictures.
+    /// Remarks for the user, for example about pictures that are left out.
     pub remarks: Vec<String>,
-    /// Number of remarks that were already reported.
+    /// Number of remarks that were already shown to the user.
     reported: usize,
     observer: Option<Observer<'e>>,
     cancel: Arc<AtomicBool>,
-    /// Time at which measuring ends; `None` if it is not limited.
+    /// Time at which measuring ends; `None` for no limit.
     deadline: Option<Instant>,
     truth: Option<Truth>,
-    /// The required metric. A picture for which it cannot be computed is not included in the error, and the reason
-    /// is reported.
+    /// The required metric. If it cannot be computed for a picture, the picture is not included in the error, and
+    /// the reason is reported.
     metric: Option<Metric>,
-    /// Measured settings; the first point is the reference.
+    /// Measured settings. The first point is the reference.
     pub points: Vec<Point>,
 }
 
-/// The nodes that output the pictures, each listed once.
+/// The nodes whose outputs are the pictures, each node once.
 fn targets(outputs: &[Output]) -> Vec<usize> {
     let nodes: BTreeSet<usize> = outputs.iter().map(|output| output.wire.node).collect();
     nodes.into_iter().collect()
@@ -117,7 +117,8 @@ pub enum Miss {
 }
 
 impl<'e> Bench<'e> {
-    /// Creates a bench for the pictures of the nodes `only`, or of all targets if `only` is empty.
+    /// Creates a bench for the pictures of the nodes `only`. If `only` is empty, the pictures of all targets of the
+    /// graph are used.
     pub fn new(
         engine: &'e Engine,
         graph: &Graph,
@@ -173,13 +174,13 @@ impl<'e> Bench<'e> {
         })
     }
 
-    /// Sets a callback for the events of all later runs.
+    /// Sets a callback that receives the events of all later runs.
     pub fn observe(&mut self, observer: Observer<'e>) {
         self.observer = Some(observer);
     }
 
-    /// Sets the time at which measuring ends. An active run is then stopped, and its finished results stay in the
-    /// cache.
+    /// Sets the time at which measuring ends. A run that is active at that time is stopped, and its finished
+    /// results stay in the cache.
     pub fn end_at(&mut self, time: Instant) {
         self.deadline = Some(time);
     }
@@ -189,13 +190,13 @@ impl<'e> Bench<'e> {
         &self.base
     }
 
-    /// The nodes that make the pictures.
+    /// The nodes whose outputs are the pictures.
     pub(crate) fn targets(&self) -> &[usize] {
         &self.targets
     }
 
-    /// The plan of a run at a setting, based on the history of the graph's own runs; `None` if the graph has
-    /// mistakes at that setting.
+    /// The plan of a run at a setting. It is based on the history of the user's own runs of the graph. `None` if
+    /// the graph has mistakes at this setting.
     pub(crate) fn plan(&self, assignment: &Assignment) -> Option<Vec<Planned>> {
         let source = Source::new(self.name.clone(), &*self.base.source.text);
         let source = source.overlaid("knobs", &self.overlay(assignment));
@@ -203,16 +204,16 @@ impl<'e> Bench<'e> {
         Some(self.engine.plan(&graph, &self.targets))
     }
 
-    /// Sets the required metric. Pictures for which it cannot be computed are reported and not included in the
-    /// error.
+    /// Sets the required metric. If it cannot be computed for a picture, the picture is not included in the error,
+    /// and the reason is reported.
     pub fn judge_by(&mut self, metric: &Metric) {
         self.metric = Some(metric.clone());
     }
 
-    /// Leaves out pictures whose size is set by a knob. Called before the search, so that the search does not
-    /// change knobs that affect only these pictures, which would get worse without a measured error. The pictures
-    /// are found by comparing the preset `reference` with `draft`, the preset farthest from it. Both are measured
-    /// again afterwards, and failures are reported then.
+    /// Leaves out pictures whose size is set by a knob. To find them, the preset `reference` is compared with
+    /// `draft`, the preset farthest from it. Must be called before a search: a knob that affects only a picture
+    /// that is not judged costs no measured error, so a search would lower it and make the picture worse. The
+    /// measured points are then discarded. Both presets are measured again later, and failures are reported then.
     pub fn leave_out_resized(&mut self) -> Result<(), Error> {
         if self.outputs.len() < 2 {
             return Ok(());
@@ -237,7 +238,7 @@ impl<'e> Bench<'e> {
         }
     }
 
-    /// The range of each knob.
+    /// The range of each tunable.
     pub fn steps(&self) -> Vec<Steps> {
         self.tunables
             .iter()
@@ -250,12 +251,12 @@ impl<'e> Bench<'e> {
         self.tunables.iter().map(|tunable| tunable.now).collect()
     }
 
-    /// The assignment of a preset, given by its index in [`PRESETS`].
+    /// The assignment of a preset. `level` is the index of the preset in [`PRESETS`].
     pub fn preset(&self, level: usize) -> Assignment {
         self.tunables.iter().map(|tunable| tunable.presets[level]).collect()
     }
 
-    /// The overlay that sets an assignment.
+    /// The overlay that sets each tunable to its value in an assignment.
     pub fn overlay(&self, assignment: &Assignment) -> String {
         let field = |(tunable, &at): (&'_ Tunable, &usize)| {
             let value = tunable.values.get(at).map(String::as_str).unwrap_or_default();
@@ -267,7 +268,8 @@ impl<'e> Bench<'e> {
         )
     }
 
-    /// Name of an assignment: the name of a preset, or the list of differences from the graph's own settings.
+    /// Name of an assignment: the name of the preset with these settings, or the list of differences from the
+    /// graph's own settings.
     pub fn name(&self, assignment: &Assignment) -> String {
         if let Some(level) = (0..PRESETS.len()).rev().find(|&level| self.preset(level) == *assignment) {
             return PRESETS[level].to_owned();
@@ -279,10 +281,10 @@ impl<'e> Bench<'e> {
             .filter(|(tunable, at)| tunable.now != **at)
             .map(|(tunable, at)| format!("{}.{}={}", tunable.node, tunable.parameter, tunable.values[*at]))
             .collect();
-        if changed.is_empty() { "as it is".to_owned() } else { changed.join(" ") }
+        if changed.is_empty() { "current settings".to_owned() } else { changed.join(" ") }
     }
 
-    /// Parses the graph with an assignment applied.
+    /// Parses the graph with an assignment applied to it.
     fn graph(&self, assignment: &Assignment) -> Result<Graph, Miss> {
         let source = self.base.source.clone().overlaid("knobs", &self.overlay(assignment));
         let graph = Graph::parse(source, &self.registry, self.base.root.clone())
@@ -291,8 +293,8 @@ impl<'e> Bench<'e> {
         Ok(graph)
     }
 
-    /// Returns the index of the point of an assignment, which is measured if it is new. The first measured point is
-    /// the reference for all others.
+    /// Measures an assignment, unless it was measured before. Returns the index of its point. The first measured
+    /// point is the reference for all others.
     pub fn measure(&mut self, assignment: &Assignment) -> Result<usize, Miss> {
         if let Some(known) = self.points.iter().position(|point| point.assignment == *assignment) {
             return Ok(known);
@@ -353,8 +355,8 @@ impl<'e> Bench<'e> {
     }
 
     /// Computes the errors of pictures relative to the reference. The pictures of the first call become the
-    /// reference. If there are colour pictures, pictures of data, such as depth, are not judged, since other
-    /// measures apply to them. Pictures whose size is set by a knob are not judged either.
+    /// reference. Pictures whose size is set by a knob are not judged. If there are colour pictures, pictures with
+    /// data other than colours, such as depth, are not judged either, since other metrics apply to them.
     fn off(&mut self, graph: &Graph, pictures: &mut Vec<Arc<Images>>) -> Result<Vec<Off>, Miss> {
         if self.truth.is_none() {
             let data: Vec<bool> = pictures.iter().map(|images| holds_data(images)).collect();
@@ -392,8 +394,9 @@ impl<'e> Bench<'e> {
         truth.off(&self.outputs, pictures).map_err(|error| Miss::Failed(error.to_string()))
     }
 
-    /// Marks pictures for which the metric cannot be computed, such as HDR-FLIP of a picture half of which is
-    /// black. They are not included in the error, but other metrics of them are reported.
+    /// Marks pictures for which the metric cannot be computed. For example, HDR-FLIP cannot be computed for a
+    /// picture half of which is black. Marked pictures are not included in the error, but other metrics of them are
+    /// reported.
     fn mark_uncomputed(&mut self) -> Result<(), Miss> {
         let Some((truth, metric)) = self.truth.as_ref().zip(self.metric.clone()) else { return Ok(()) };
         let why =
@@ -423,8 +426,7 @@ impl<'e> Bench<'e> {
         Ok(())
     }
 
-    /// Removes the pictures for which `which` is true from those that are judged, and adds a remark with the reason
-    /// `why`.
+    /// Stops judging the pictures for which `which` is true, and adds a remark with the reason `why`.
     fn leave_out(&mut self, pictures: &mut Vec<Arc<Images>>, which: &[bool], why: &str) {
         for at in (0..which.len()).rev().filter(|at| which[*at]) {
             let Output { name, .. } = self.outputs.remove(at);
@@ -444,7 +446,7 @@ impl<'e> Bench<'e> {
         &self.remarks[reported..]
     }
 
-    /// The pictures of the last run of a graph.
+    /// The judged pictures from the last run of a graph.
     fn pictures(&self, graph: &Graph) -> Result<Vec<Arc<Images>>, Miss> {
         let value = |output: &Output| {
             let images = self.engine.value::<Images>(graph, output.wire).map(Arc::new);
@@ -468,7 +470,8 @@ impl<'e> Bench<'e> {
         Ok(names.zip(self.pictures(&graph)?).collect())
     }
 
-    /// The reports that nodes output at a measured point, each with the names of its node and output.
+    /// The reports that nodes output at a measured point. Each has a name that consists of the names of the node
+    /// and of the output.
     pub fn reports_at(&self, point: usize) -> Vec<(String, Report)> {
         let Ok(graph) = self.graph(&self.points[point].assignment) else { return Vec::new() };
         let wanted = graph.above(&self.targets);
@@ -485,13 +488,13 @@ impl<'e> Bench<'e> {
         reports
     }
 
-    /// The FLIP difference of each pixel between pictures and the reference, for each output; or the reason why it
-    /// was not computed.
+    /// The FLIP difference of each pixel between pictures and the reference, for each output. An error is the
+    /// reason why it was not computed.
     pub fn flip_maps(&self, pictures: &[(String, Arc<Images>)]) -> Vec<Result<FlipMaps, NodeError>> {
         self.truth.as_ref().map(|truth| truth.flip_maps(&self.outputs, pictures)).unwrap_or_default()
     }
 
-    /// The names of the nodes that have a tunable with more than one value, in the order of the file.
+    /// The names of the nodes with a tunable that has more than one value, in the order of the file.
     pub fn nodes_with_knobs(&self) -> Vec<String> {
         let mut seen = BTreeSet::new();
         let names = self

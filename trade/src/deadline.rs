@@ -1,4 +1,4 @@
-//! Deadlines, which stop a run at a given time.
+//! [`Deadline`]: stops a run at a given time.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -25,7 +25,7 @@ impl Deadline {
         Self { end: Some(end), thread: Some(std::thread::spawn(wait)) }
     }
 
-    /// Stops waiting. Returns true if the deadline has stopped the run.
+    /// Stops waiting for the deadline. Returns true if the deadline has stopped the run.
     pub fn end(mut self) -> bool {
         drop(self.end.take());
         self.thread.take().is_some_and(|thread| thread.join().unwrap_or(false))

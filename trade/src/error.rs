@@ -1,21 +1,21 @@
-//! Errors of measuring a graph.
+//! Errors that occur when a graph is measured.
 
 use engine::Diagnostics;
 
-/// Errors of measuring a graph.
+/// Errors that occur when a graph is measured.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// The graph has mistakes, which this variant contains.
+    /// The graph has mistakes.
     #[error("{0}")]
     Graph(Diagnostics),
-    /// A measure of error with this name does not exist.
+    /// There is no metric with this name.
     #[error("`{text}` is not a measure of error; write one of {known}, {regions}")]
     Metric {
-        /// Text as it was written.
+        /// The text that the user wrote.
         text: String,
-        /// Names of the measures.
+        /// The names of all metrics.
         known: String,
-        /// Regions that may precede the name of a measure.
+        /// Description of the prefixes that select a region.
         regions: &'static str,
     },
     /// A bound on an error cannot be parsed.
@@ -24,11 +24,11 @@ pub enum Error {
          {known}, {regions}"
     )]
     Bound {
-        /// Text as it was written.
+        /// The text that the user wrote.
         text: String,
-        /// Names of the measures.
+        /// The names of all metrics.
         known: String,
-        /// The regions that may precede the name of a measure.
+        /// Description of the prefixes that select a region.
         regions: &'static str,
     },
     /// None of the selected nodes outputs a picture.
@@ -36,7 +36,7 @@ pub enum Error {
         "none of the selected nodes outputs a picture, so there is nothing to compare; select one that does with `--only`"
     )]
     NoPicture,
-    /// No knob changes these pictures.
+    /// No knob changes any of the pictures, whose names this variant contains.
     #[error(
         "no knob changes `{0}`, so every setting gives the same picture; `lightharmony knobs` lists the knobs, and the \
          graph's own `reference` preset may set any other field"
@@ -45,15 +45,15 @@ pub enum Error {
     /// The metric is not defined for these pictures.
     #[error("`{metric}` cannot be computed for every picture here; it needs {needs}")]
     NotComputed {
-        /// The metric as it was written.
+        /// The metric, as the user wrote it.
         metric: String,
-        /// The requirement of the metric.
+        /// What the metric needs, in words.
         needs: &'static str,
     },
-    /// The graph cannot be measured with a setting.
-    #[error("the graph cannot be measured with the setting {setting}:\n{why}")]
+    /// The graph cannot be measured at a setting.
+    #[error("the graph cannot be measured with the setting `{setting}`:\n{why}")]
     Setting {
-        /// The setting in words.
+        /// The name of the setting.
         setting: String,
         /// The reason.
         why: String,

@@ -1,6 +1,6 @@
-//! Text within HTML and SVG.
+//! Escaping of text for HTML and SVG.
 
-/// Escapes text for HTML and SVG, in content and in attributes.
+/// Escapes text for use in HTML and SVG, both between tags and in attribute values.
 pub fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }

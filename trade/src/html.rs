@@ -9,7 +9,7 @@ use nodes::types::{Cell, Picture, Report};
 
 use crate::escape::escaped;
 
-/// The parts of a page, in order.
+/// A page that is being built. Its parts appear in the order in which they were added.
 #[derive(Default)]
 pub struct Page {
     body: String,
@@ -46,7 +46,7 @@ impl Page {
         let _ = writeln!(self.body, "<h2>{}</h2>", escaped(text));
     }
 
-    /// Adds a paragraph of text.
+    /// Adds a paragraph. Text between two backticks is formatted as code.
     pub fn words(&mut self, text: &str) {
         let _ = writeln!(self.body, "<p>{}</p>", marked(text));
     }
@@ -56,7 +56,7 @@ impl Page {
         let _ = writeln!(self.body, "<pre>{}</pre>", escaped(text));
     }
 
-    /// Adds a few values with their names, in large letters.
+    /// Adds a few values in large letters, each with its name.
     pub fn facts(&mut self, facts: &[(&str, String)]) {
         self.body.push_str("<dl class=\"facts\">");
         for (name, value) in facts {
@@ -65,7 +65,7 @@ impl Page {
         self.body.push_str("</dl>\n");
     }
 
-    /// Adds a table. Columns of text are aligned to the left.
+    /// Adds a table. Columns with text are aligned to the left, columns with numbers to the right.
     pub fn table(&mut self, columns: &[&str], rows: &[Vec<String>]) {
         let class = |column: usize| {
             let mut cells = rows.iter().filter_map(|row| row.get(column)).filter(|cell| !cell.is_empty());
@@ -98,7 +98,7 @@ impl Page {
         }
     }
 
-    /// Adds pictures side by side, as many per row as fit. Each is reduced to at most `widest` pixels in width.
+    /// Adds pictures side by side, as many per row as fit. Pictures wider than `widest` pixels are reduced in size.
     pub fn pictures(&mut self, pictures: &[(&Picture, String)], widest: usize) {
         self.body.push_str("<div class=\"row\">\n");
         for (picture, caption) in pictures {
@@ -152,7 +152,8 @@ fn marked(text: &str) -> String {
     parts.iter().enumerate().map(part).collect()
 }
 
-/// True if a cell contains a number or a text that replaces one: `1.2 M`, `40 dB`, `not computed`.
+/// True if a cell contains a number, such as `1.2 M` or `40 dB`, or a text in place of a number, such as `not
+/// computed`.
 fn is_number(cell: &str) -> bool {
     let (first, rest) = cell.split_once(' ').unwrap_or((cell, ""));
     let unit = matches!(rest, "" | "k" | "M" | "G" | "%" | "dB");
@@ -176,7 +177,7 @@ fn code(value: f32) -> u16 {
     u16::from(nodes::math::color::code8(value))
 }
 
-/// Converts a picture on a black background to display codes.
+/// Converts a picture to 8-bit display values, over a black background.
 fn shown(picture: &Picture) -> Option<Raster> {
     let (width, height, channels) = picture.size();
     let linear = matches!(picture, Picture::Linear(_));
@@ -187,8 +188,8 @@ fn shown(picture: &Picture) -> Option<Raster> {
     })
 }
 
-/// Converts values to colours, from black at 0 through red and yellow to white at 1. The scale is the square root
-/// of the value, so that small values are visible.
+/// Converts values to colours, from black at 0 through red and yellow to white at 1. Colours are chosen by the
+/// square root of the value, so that small values are visible.
 fn heat(picture: &Picture) -> Option<Raster> {
     let (width, height, channels) = picture.size();
     let pixels = picture.samples().chunks_exact(channels.max(1));
@@ -199,7 +200,7 @@ fn heat(picture: &Picture) -> Option<Raster> {
     (channels >= 1).then(|| raster(width, height, pixels.flat_map(colour).collect()))
 }
 
-/// Averages blocks of pixels, so that the picture is at most `widest` pixels wide.
+/// Reduces a picture by averaging blocks of pixels, so that it is at most `widest` pixels wide.
 fn halved(of: Raster, widest: usize) -> Raster {
     // A picture of little height stays wider, so that at least one row remains.
     let step = of.width.div_ceil(widest.max(1)).min(of.height).max(1);

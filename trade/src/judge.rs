@@ -1,4 +1,5 @@
-//! Comparison of pictures with the reference, as a whole and in the parts that an object covers or changes.
+//! Comparison of pictures with the reference. Errors are computed for the whole picture and for the regions that
+//! inserted objects cover or change.
 
 use std::sync::Arc;
 
@@ -15,12 +16,12 @@ use crate::off::Off;
 
 /// A picture to judge.
 pub struct Output {
-    /// Node and output: `final`, or `trace.object`.
+    /// Name of the picture: the name of the node, such as `final`, or of node and output, such as `trace.object`.
     pub name: String,
-    /// The output that gives the picture.
+    /// The output of a node that is the picture.
     pub wire: Wire,
-    /// The space in which the picture is judged: linear light if it is only written to OpenEXR, otherwise the
-    /// values of an 8-bit display.
+    /// The space in which the picture is judged: linear light if the picture is only written to OpenEXR, otherwise
+    /// the values of an 8-bit display.
     pub space: Space,
     inserted: Option<Insertion>,
     /// The reason why the requested metric cannot be computed for the picture; `None` if it can. Other metrics are
@@ -28,11 +29,11 @@ pub struct Output {
     pub uncomputed: Option<String>,
 }
 
-/// The inputs of a picture made by one `composite`, or by several stacked ones.
+/// The inputs from which one `composite`, or several stacked ones, made a picture.
 struct Insertion {
     /// The background of the first `composite`.
     background: Wire,
-    /// The inserted objects, starting with the first one.
+    /// The inserted objects, in the order of insertion.
     layers: Vec<Layer>,
 }
 
@@ -44,7 +45,7 @@ struct Layer {
 }
 
 impl Insertion {
-    /// The insertion that makes a node's picture; `None` if the node is not a `composite`.
+    /// The insertion that made the picture of a node; `None` if the node is not a `composite`.
     fn of(graph: &Graph, node: usize) -> Option<Self> {
         let (mut layers, mut at) = (Vec::new(), node);
         loop {
@@ -66,14 +67,14 @@ impl Insertion {
     }
 }
 
-/// The pictures of the reference, with regions and baselines for those with inserted objects.
+/// The pictures of the reference. Pictures with inserted objects also have regions and baselines.
 pub struct Truth {
     pictures: Vec<Arc<Images>>,
     inserted: Vec<Option<Inserted>>,
 }
 
-/// The regions of a picture that objects change, with their names, and two baselines: the picture without the
-/// objects, and the picture without their shadows.
+/// The regions that inserted objects change in a picture, with their names, and two baselines: the picture without
+/// the objects, and the picture without the objects' shadows.
 #[derive(Clone)]
 struct Inserted {
     regions: Vec<(&'static str, Arc<Images>)>,
@@ -83,8 +84,8 @@ struct Inserted {
 
 impl Truth {
     /// Creates the truth from the pictures of the reference. Pictures made by `composite` get regions and
-    /// baselines, for which `value` returns the inputs of the node. For stacked `composite` nodes, these consider
-    /// all inserted objects.
+    /// baselines; for these, `value` returns the values of the node's inputs. If several `composite` nodes are
+    /// stacked, all inserted objects are considered.
     pub fn of(
         outputs: &[Output],
         pictures: &[Arc<Images>],
@@ -122,7 +123,7 @@ impl Truth {
         Self { pictures: pictures.to_vec(), inserted }
     }
 
-    /// True if the views of a picture have the same sizes as those of the reference.
+    /// True if each view of `images` has the same size as in the reference. `at` is the index of the picture.
     pub fn fits(&self, at: usize, images: &Images) -> bool {
         let sizes = |images: &Images| -> Vec<(usize, usize)> {
             let size = |view: &NamedImage| {
@@ -134,13 +135,13 @@ impl Truth {
         self.pictures.get(at).is_some_and(|picture| sizes(picture) == sizes(images))
     }
 
-    /// Removes a picture.
+    /// Removes the picture with the index `at`.
     pub fn remove(&mut self, at: usize) {
         self.pictures.remove(at);
         self.inserted.remove(at);
     }
 
-    /// Computes the errors of pictures, by output, view and region.
+    /// Computes the errors of pictures, one for each output, view and region.
     pub fn off(&self, outputs: &[Output], pictures: &[Arc<Images>]) -> Result<Vec<Off>, NodeError> {
         let mut all = Vec::new();
         for (index, (output, picture)) in outputs.iter().zip(pictures).enumerate() {
@@ -154,7 +155,8 @@ impl Truth {
         Ok(all)
     }
 
-    /// For each output, the reason why a metric cannot be computed, as reported by `compare`; `None` if it can.
+    /// For each output, the reason why `metric` cannot be computed, taken from the notes of `compare`; `None` if it
+    /// can be computed.
     pub fn uncomputed(&self, outputs: &[Output], metric: &Metric) -> Result<Vec<Option<String>>, NodeError> {
         let why = |(output, picture): (&Output, &Arc<Images>)| {
             // Every metric can be computed for display values.
@@ -167,8 +169,8 @@ impl Truth {
         outputs.iter().zip(&self.pictures).map(why).collect()
     }
 
-    /// Computes the FLIP difference of each pixel for each output, with the reasons for missing views. If FLIP
-    /// cannot be computed for an output, its error is the reason.
+    /// Computes the FLIP difference of each pixel for each output. If FLIP cannot be computed for some views, the
+    /// result contains the reasons. If the comparison of an output fails, its result is the error.
     pub fn flip_maps(
         &self,
         outputs: &[Output],
@@ -184,11 +186,11 @@ impl Truth {
     }
 }
 
-/// The FLIP difference of each pixel, for the views of a picture.
+/// The FLIP difference of each pixel, for each view of a picture.
 pub struct FlipMaps {
     /// The maps of all views for which FLIP was computed.
     pub maps: Arc<Images>,
-    /// Views without a map, each with the reason.
+    /// Descriptions of the views without a map, with the reasons.
     pub missing: Vec<String>,
 }
 
@@ -202,7 +204,8 @@ pub fn is_bright(images: &Images) -> bool {
     images.0.iter().any(|view| view.picture.samples().iter().any(|v| *v > 4.0))
 }
 
-/// Runs the kind `compare`. Returns its report, its FLIP map and its notes.
+/// Compares a picture with the reference by running the kind `compare`. Returns its report, its FLIP maps and its
+/// notes.
 fn compare(
     image: &Arc<Images>,
     reference: &Arc<Images>,
@@ -237,7 +240,7 @@ fn detached() -> Context {
     )
 }
 
-/// A transparent picture for each view of a background, in place of an object.
+/// A transparent picture for each view of the background, for use in place of the picture of an object.
 fn absent(background: &Images) -> Images {
     let empty = |view: &NamedImage| {
         let (width, height, _) = view.picture.size();
@@ -261,8 +264,8 @@ fn off_of(output: &str, columns: &[String], row: &[Cell]) -> Option<Off> {
     Some(Off { output, view, region, judged, pixels: *pixels, values, counts: true })
 }
 
-/// The regions that objects change: all pixels that they cover, shade or light (`touched`), the touched pixels that
-/// they cover by more than half (`object`), and all other touched pixels (`shadow`).
+/// The regions that objects change. `touched` contains all pixels that objects cover, shade or light. `object`
+/// contains the touched pixels that objects cover by more than half, and `shadow` all other touched pixels.
 fn regions(
     picture: &Images,
     nothing: &Images,
@@ -291,8 +294,8 @@ fn regions(
     Some(vec![("touched", Arc::new(touched)), ("object", Arc::new(object)), ("shadow", Arc::new(shadow))])
 }
 
-/// The pixels that an inserted object covers, shades or lights. There, in linear light, the picture differs from
-/// its background by more than 0.002 plus 1 % of the background.
+/// The pixels that an inserted object covers, shades or lights. A pixel belongs to them if, in linear light, the
+/// picture differs from the background by more than 0.002 plus 1 % of the background.
 fn touched(picture: &Images, background: &Images) -> Option<Images> {
     let mut masks = Vec::new();
     for view in &picture.0 {
@@ -316,8 +319,8 @@ fn touched(picture: &Images, background: &Images) -> Option<Images> {
     Some(Images(masks))
 }
 
-/// The pictures that are written or output by the nodes `asked`, each once, and remarks on pictures that are left
-/// out. Layers of an EXR file are judged only if there are no other pictures, since each layer has its own units.
+/// The pictures that the nodes `asked` write or output, each picture once, and remarks on pictures that are left
+/// out. Layers of an EXR file are judged only if there are no other pictures, since layers have different units.
 pub fn outputs(graph: &Graph, asked: &[usize]) -> (Vec<Output>, Vec<String>) {
     let is_picture =
         |wire: &Wire| graph.nodes[wire.node].kind.outputs[wire.port].artifact.name == Images::TYPE;

@@ -1,4 +1,4 @@
-//! The knobs of a graph with their values in each preset.
+//! The knobs of a graph, with their values in each preset.
 
 use engine::{Graph, GraphKnob, Registry};
 
@@ -9,13 +9,13 @@ use crate::tunables::presets;
 pub struct KnobRow {
     /// The knob.
     pub knob: GraphKnob,
-    /// Value in each preset; `None` for a preset in which the value varies along an axis.
+    /// Value of the knob in each preset; `None` for a preset in which the value varies along an axis.
     pub levels: [Option<String>; 4],
-    /// Range of the parameter, if it is a number.
+    /// Minimum and maximum of the parameter, if it is a number.
     pub range: Option<(f64, f64)>,
 }
 
-/// The knobs that affect the nodes `only`, or any sink if `only` is empty.
+/// The knobs that affect the nodes `only`. If `only` is empty, the knobs that affect any sink.
 pub fn knob_rows(graph: &Graph, only: &[usize], registry: &Registry) -> Result<Vec<KnobRow>, Error> {
     // A graph's own preset may set fields that the built-in preset of the same name does not set.
     let laid = presets(graph, registry)?.map(|laid| {

@@ -1,4 +1,4 @@
-//! Work that a run skips if a check finds that the scene does not need it, and the findings of these checks.
+//! Work that a run skips if a check finds that the scene does not need it, and the results of these checks.
 
 use std::collections::BTreeSet;
 
@@ -11,29 +11,29 @@ use crate::plot::tick_text;
 struct Skip {
     what: &'static str,
     check: &'static str,
-    /// Name of the setting that forces the work.
+    /// How to force the work, in words.
     force: &'static str,
     /// Names of the kinds that perform the check.
     kinds: &'static [&'static str],
-    /// Function that returns whether the work was skipped, and the finding of the check; `None` if the node did not
-    /// make the check.
+    /// Function that returns whether the work was skipped, and the result of the check in words. Returns `None` if
+    /// the node did not perform the check.
     judge: fn(&Evidence<'_>) -> Option<(bool, String)>,
 }
 
-/// The finding of a check at a node.
+/// The result of a check.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LeftOut {
-    /// Description of the work that is skipped unless a check requires it.
+    /// Description of the work that is skipped if the check finds it unnecessary.
     pub what: &'static str,
-    /// Names of the nodes; nodes with the same finding are listed together.
+    /// Names of the nodes with this result.
     pub nodes: Vec<String>,
     /// True if the work was skipped; `None` if there was nothing to check.
     pub left_out: Option<bool>,
-    /// The finding of the check.
+    /// The result of the check, in words.
     pub found: String,
     /// Description of the check.
     pub check: &'static str,
-    /// Name of the setting that forces the work.
+    /// How to force the work, in words.
     pub force: &'static str,
 }
 
@@ -52,7 +52,7 @@ impl Evidence<'_> {
         self.node.counts.get(name).copied().unwrap_or_default()
     }
 
-    /// The cells of a column of a table in the node's own reports.
+    /// The cells of the column `column` of the table `table` in the reports of this node.
     fn column(&self, table: &str, column: &str) -> Vec<&Cell> {
         let own = |(name, _): &&(String, Report)| {
             name.strip_prefix(&self.node.id).is_some_and(|rest| rest.starts_with('.'))
@@ -65,7 +65,7 @@ impl Evidence<'_> {
         cells.collect()
     }
 
-    /// The value of a name in a table with the columns `what` and `value`.
+    /// The value of the row `name` in a table with the columns `what` and `value`.
     fn value(&self, table: &str, name: &str) -> Option<String> {
         let names = self.column(table, "what").into_iter().zip(self.column(table, "value"));
         names.into_iter().find_map(|(what, value)| match (what, value) {
@@ -86,7 +86,7 @@ const SKIPS: [Skip; 8] = [
         kinds: &["predict-exposure"],
         judge: |seen| {
             let text = match seen.column("prediction", "clipped pixels").first() {
-                Some(Cell::Count(n)) => format!("{n} clipped pixels"),
+                Some(Cell::Count(n)) => format!("clipped pixels: {n}"),
                 _ => return None,
             };
             Some((seen.note("nothing-clipped").is_some(), text))
@@ -106,7 +106,7 @@ const SKIPS: [Skip; 8] = [
     },
     Skip {
         what: "the second render where objects hardly change the light",
-        check: "an upper bound of the light that they block, emit and reflect",
+        check: "an upper bound on the light that objects block, emit and reflect",
         force: "`crop: 0`",
         kinds: TRACE,
         judge: |seen| match seen.note("cropped") {
@@ -130,18 +130,18 @@ const SKIPS: [Skip; 8] = [
     },
     Skip {
         what: "spherical harmonics above degree 0, and view directions for them",
-        check: "the degree of the scene, and `sh_degree`",
+        check: "the degree of the spherical harmonics of the scene, and `sh_degree`",
         force: "`--exhaustive`",
         kinds: SPLATS,
         judge: |seen| {
             let [directed, projected] = ["splats_directed", "splats_projected"].map(|name| seen.count(name));
-            let text = format!("{} of {} splats need them", directed, projected);
+            let text = format!("splats that need them: {} of {}", directed, projected);
             (projected > 0).then_some((directed == 0, text))
         },
     },
     Skip {
         what: "lobes that no material has",
-        check: "the strength of each lobe, after its texture",
+        check: "the strength of each lobe, with its texture applied",
         force: "`--exhaustive`",
         kinds: TRACE,
         judge: |seen| {
@@ -155,33 +155,32 @@ const SKIPS: [Skip; 8] = [
     },
     Skip {
         what: "blocks of splats that no picture can show",
-        check: "a box around the centres and longest axes of the splats",
+        check: "a box around the centres and longest axes of the splats of a block",
         force: "`--exhaustive`",
         kinds: SPLATS,
         judge: |seen| {
             let [skipped, visited] = ["splats_skipped", "splats_visited"].map(|name| seen.count(name));
             let all = (skipped + visited) as f64;
-            let text = format!("{:.0} % of {}", 100.0 * skipped as f64 / all.max(1.0), tick_text(all));
+            let text = format!("{:.0} % of {} splats", 100.0 * skipped as f64 / all.max(1.0), tick_text(all));
             (all > 0.0).then_some((skipped > 0, text))
         },
     },
     Skip {
         what: "pixels of the panorama that do not affect the picture",
-        check: "the width in texels of the smoothest lobe and of the smallest light",
+        check: "the widths of the smoothest lobe and of the smallest light, in texels",
         force: "`skip_fine: false` of `fit-probe`; without a `fit-probe`, `width_px` and `size_px` decide",
         kinds: &["fit-probe", "path-trace"],
         judge: |seen| match seen.note("probe-size") {
             Some(text) => Some((text.contains("instead of"), text.to_owned())),
             None => {
-                let text = seen.note("finer-than-needed").unwrap_or("all of them are needed");
+                let text = seen.note("finer-than-needed").unwrap_or("all pixels are needed");
                 Some((false, text.to_owned()))
             }
         },
     },
 ];
 
-/// Lists the findings of all checks, in the order of `docs/trade.md`. Checks that no node of the run made are
-/// included.
+/// Lists the results of all checks, in the order of `docs/trade.md`. A check that no node performed is listed, too.
 pub fn left_out(nodes: &[NodeCost], reports: &[(String, Report)]) -> Vec<LeftOut> {
     let mut all: Vec<LeftOut> = Vec::new();
     for Skip { what, check, force, kinds, judge } in SKIPS {
@@ -196,14 +195,18 @@ pub fn left_out(nodes: &[NodeCost], reports: &[(String, Report)]) -> Vec<LeftOut
             }
         }
         if all.len() == start {
-            all.push(row(Vec::new(), None, format!("no {} reported it", kinds.join(" or "))));
+            all.push(row(
+                Vec::new(),
+                None,
+                format!("no node of the kind {} performed the check", kinds.join(" or ")),
+            ));
         }
     }
     all.push(frames(nodes));
     all
 }
 
-/// The finding about results that several values of an axis share.
+/// Reports how many results several values of an axis share, in the same form as a check.
 fn frames(nodes: &[NodeCost]) -> LeftOut {
     let varying = || nodes.iter().filter(|node| node.varies);
     let keys: BTreeSet<_> = varying().filter_map(|node| node.key).collect();
@@ -213,7 +216,7 @@ fn frames(nodes: &[NodeCost]) -> LeftOut {
         "no axis: there is one frame".to_owned()
     } else {
         format!(
-            "{fixed} nodes do not vary along an axis; of the {all} others, {equal} have the same key as another one"
+            "nodes that do not vary along an axis: {fixed}; other nodes: {all}, of which {equal} share the key of another node"
         )
     };
     LeftOut {
@@ -263,7 +266,7 @@ mod tests {
         let rows = left_out(&[], &[]);
         assert_eq!(rows.len(), SKIPS.len() + 1);
         assert!(rows.iter().all(|row| row.left_out.is_none() && !row.force.is_empty()));
-        assert_eq!(rows[0].found, "no predict-exposure reported it");
+        assert_eq!(rows[0].found, "no node of the kind predict-exposure performed the check");
     }
 
     #[test]
@@ -272,7 +275,7 @@ mod tests {
         let clipped =
             |n| table("prediction", &["method", "clipped pixels"], vec![Cell::Missing, Cell::Count(n)]);
         let reports = |n| [("darker.report".to_owned(), clipped(9)), ("dark.report".to_owned(), clipped(n))];
-        assert_eq!(judged(&[dark.clone()], &reports(7))[0], (Some(false), "7 clipped pixels".to_owned()));
+        assert_eq!(judged(&[dark.clone()], &reports(7))[0], (Some(false), "clipped pixels: 7".to_owned()));
         dark.notes.push(note("nothing-clipped", "no pixel"));
         assert_eq!(judged(&[dark], &reports(0))[0].0, Some(true));
 
@@ -287,8 +290,11 @@ mod tests {
         let view = NodeCost { id: "view".to_owned(), ..faces.clone() };
         let rows = left_out(&[faces, view], &[]);
         assert_eq!(rows[4].nodes, ["faces", "view"], "what found the same stands together");
-        assert_eq!((rows[4].left_out, rows[4].found.as_str()), (Some(true), "0 of 10 splats need them"));
-        assert_eq!((rows[6].left_out, rows[6].found.as_str()), (Some(true), "70 % of 100"));
+        assert_eq!(
+            (rows[4].left_out, rows[4].found.as_str()),
+            (Some(true), "splats that need them: 0 of 10")
+        );
+        assert_eq!((rows[6].left_out, rows[6].found.as_str()), (Some(true), "70 % of 100 splats"));
 
         let trace = node("trace", "path-trace");
         let lobes =
@@ -297,8 +303,8 @@ mod tests {
         assert_eq!(judged(&[trace], &reports)[5], (Some(true), "sheen, brush".to_owned()));
     }
 
-    // An open scene under distant light needs no near light, no matter whether `Open` was chosen or set. This test
-    // fails if every choice counts as `Open`.
+    // An open scene under distant light needs no near light, whether `Open` was chosen by the node or set by the
+    // user. This test fails if every choice counts as `Open`.
     #[test]
     fn an_open_scene_needs_no_near_light() {
         let row = |decided: &str, why: Option<&str>| {
@@ -323,7 +329,7 @@ mod tests {
         fit.notes.push(note("probe-size", text));
         let rows = judged(&[fit.clone(), trace], &[]);
         assert_eq!(rows[rows.len() - 3], (Some(true), text.to_owned()));
-        assert_eq!(rows[rows.len() - 2], (Some(false), "all of them are needed".to_owned()));
+        assert_eq!(rows[rows.len() - 2], (Some(false), "all pixels are needed".to_owned()));
         fit.notes[0].text =
             "views of 64 px would be enough; they keep 512 because of `skip_fine: false`".to_owned();
         let rows = judged(&[fit], &[]);
@@ -343,7 +349,7 @@ mod tests {
         assert_eq!(found.left_out, Some(true));
         assert_eq!(
             found.found,
-            "1 nodes do not vary along an axis; of the 3 others, 1 have the same key as another one"
+            "nodes that do not vary along an axis: 1; other nodes: 3, of which 1 share the key of another node"
         );
     }
 }

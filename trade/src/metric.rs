@@ -1,4 +1,4 @@
-//! Measures of error, by name.
+//! Metrics: measures of error, selected by name.
 
 use serde_json::{Value, json};
 
@@ -6,10 +6,10 @@ use crate::error::Error;
 use crate::off::Off;
 use crate::plot;
 
-/// A measure of error in a region of the picture; less is better.
+/// A measure of error in a region of the picture. A smaller value is better.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Metric {
-    /// Name as requested, such as `touched.flip`.
+    /// Name as the user wrote it, such as `touched.flip`.
     pub name: String,
     region: &'static str,
     of: Of,
@@ -17,21 +17,21 @@ pub struct Metric {
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Of {
-    /// A column of `compare`.
+    /// A column of the report of `compare`.
     Column(&'static str),
     /// Root mean square error of display values.
     Rmse,
-    /// Root mean square error of display values, given as PSNR in decibels.
+    /// Like `Rmse`, but shown as PSNR in decibels.
     Psnr,
 }
 
 /// The regions of a picture for which errors are measured.
 const REGIONS: [&str; 4] = ["whole", "touched", "object", "shadow"];
 
-/// The prefixes that select a region, for messages.
-const IN_FRONT: &str = "optionally with the prefix `touched.` for the pixels that the object changes, `object.` for those that it covers, or `shadow.` for the others that it changes";
+/// Description of the prefixes that select a region, for error messages.
+const IN_FRONT: &str = "optionally with the prefix `touched.` for the pixels that the object changes, `object.` for those that it covers, or `shadow.` for all other pixels that it changes";
 
-/// Names of metrics, and their computation.
+/// The name of each metric, and how it is computed.
 const METRICS: [(&str, Of); 7] = [
     // For a picture in linear light, this is the column of HDR-FLIP.
     ("flip", Of::Column("flip mean")),
@@ -44,7 +44,7 @@ const METRICS: [(&str, Of); 7] = [
 ];
 
 impl Metric {
-    /// The metric of a name such as `flip` or `touched.rmse`. The prefix `whole.` may be omitted.
+    /// The metric with a name such as `flip` or `touched.rmse`. The prefix `whole.` may be omitted.
     pub fn of(name: &str) -> Option<Self> {
         let (region, metric) = name.split_once('.').unwrap_or(("whole", name));
         let region = REGIONS.into_iter().find(|known| *known == region)?;
@@ -58,14 +58,14 @@ impl Metric {
         Self::of(name).ok_or_else(unknown)
     }
 
-    /// Like [`bound`](Self::bound), but returns an error that explains the form if the bound is invalid.
+    /// Like [`bound`](Self::bound), but returns an error that explains the syntax if the bound is invalid.
     pub fn bounded(text: &str) -> Result<(Self, f64), Error> {
         let wrong = || Error::Bound { text: text.to_owned(), known: Self::known(), regions: IN_FRONT };
         Self::bound(text).ok_or_else(wrong)
     }
 
-    /// Parses a bound such as `flip=0.02`. A bound on PSNR, in dB, is converted to a bound on the root mean square
-    /// error.
+    /// Parses a bound such as `flip=0.02`. A bound on PSNR, given in dB, is converted to a bound on the root mean
+    /// square error.
     pub fn bound(text: &str) -> Option<(Self, f64)> {
         let (name, value) = text.split_once('=')?;
         let metric = Self::of(name.trim())?;
@@ -74,7 +74,7 @@ impl Metric {
         Some((metric, bound))
     }
 
-    /// Formats an error. PSNR is in dB, where more is better; `None` becomes "not computed".
+    /// Formats an error. PSNR is formatted in dB, where a larger value is better. `None` becomes "not computed".
     pub fn shown(&self, error: Option<f64>) -> String {
         match error {
             None => "not computed".to_owned(),
@@ -83,12 +83,12 @@ impl Metric {
         }
     }
 
-    /// The error as JSON, for programs.
+    /// The error as a JSON value. PSNR is in dB.
     pub fn value(&self, error: f64) -> Value {
         number(if self.of == Of::Psnr { decibels(error) } else { error })
     }
 
-    /// Id of the note in which `compare` reports why the metric cannot be computed for colour pictures; `None` if
+    /// Id of the note in which `compare` reports that the metric cannot be computed for colour pictures; `None` if
     /// it always can.
     pub fn missing_note(&self) -> Option<&'static str> {
         match self.of {
@@ -98,29 +98,29 @@ impl Metric {
         }
     }
 
-    /// The requirement of the metric, for messages.
+    /// What the metric needs, in words, for error messages.
     pub fn needs(&self) -> &'static str {
         match (self.region, self.of) {
             ("touched" | "object" | "shadow", _) => {
-                "a composite with a background, and an object that some view shows"
+                "a `composite` with a background, and an object that is visible in at least one view"
             }
             (_, Of::Rmse | Of::Psnr) => "pictures whose values are finite",
             _ => "pictures of colours, not of data",
         }
     }
 
-    /// The names of all metrics, for messages.
+    /// The names of all metrics, for error messages.
     pub fn known() -> String {
         METRICS.map(|(name, _)| name).join(", ")
     }
 
-    /// The largest error over all outputs and all views that show the region; `None` if the error of one of them
-    /// was not computed, or if no view shows the region.
+    /// The largest error over all outputs and views in which the region is visible. `None` if the region is visible
+    /// in none, or if one of these errors was not computed.
     pub fn error(&self, off: &[Off]) -> Option<f64> {
         self.worst(off, "image")
     }
 
-    /// Like [`error`](Self::error), but for the picture `judged`, which may be a baseline.
+    /// Like [`error`](Self::error), but for the picture named `judged`, which may be a baseline.
     pub fn worst(&self, off: &[Off], judged: &str) -> Option<f64> {
         let rows =
             off.iter().filter(|row| row.region == self.region && row.judged == judged && row.pixels > 0);
@@ -134,13 +134,13 @@ impl Metric {
     }
 }
 
-/// PSNR in dB of values with a maximum of 1.
+/// PSNR in dB for a root mean square error of values with a maximum of 1.
 fn decibels(rmse: f64) -> f64 {
     // The subtraction from 0 avoids -0 dB for an error of 1.
     if rmse > 0.0 { 0.0 - 20.0 * nodes::math::num::f64::log10(rmse) } else { f64::INFINITY }
 }
 
-/// A number in JSON; infinity, which JSON lacks, is written as text.
+/// A number as a JSON value. Infinity, which JSON cannot represent, becomes text.
 pub fn number(value: f64) -> Value {
     if value.is_finite() { json!(value) } else { json!(value.to_string()) }
 }

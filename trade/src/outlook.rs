@@ -1,4 +1,4 @@
-//! Forecast of the time that measuring takes.
+//! Forecast of the time that measurements take.
 
 use std::collections::BTreeMap;
 
@@ -7,29 +7,29 @@ use engine::{Graph, Planned};
 use crate::bench::{Bench, Point};
 use crate::tunables::{Assignment, Tunable};
 
-/// Forecast of the time to measure some settings.
+/// Forecast of the time that it takes to measure some settings.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Outlook {
-    /// Number of settings that are not measured yet.
+    /// Number of settings that have not been measured yet.
     pub settings: usize,
-    /// Time in seconds. Runs without a forecast are not included.
+    /// Forecast time in seconds. Nodes without a forecast are not included.
     pub seconds: f64,
-    /// Number of runs of nodes for which there is no forecast, since their kinds have never run.
+    /// Number of node runs without a forecast, because nodes of their kind have never run.
     pub unknown: usize,
 }
 
 /// The tunables on which the result of a node depends.
 struct Reach {
-    /// The tunables of the node and of the nodes above it.
+    /// The tunables of the node and of all nodes on which it depends.
     tunables: Vec<usize>,
-    /// The tunable whose results are cached in parts, such as `samples`, so that a larger value costs only the
+    /// A tunable such as `samples`, for which partial results are cached, so that a larger value costs only the
     /// difference.
     refines: Option<usize>,
 }
 
 impl Bench<'_> {
-    /// Forecasts the time to measure some settings. If a node and the nodes above it are set equally in several
-    /// settings, the node counts once; if they are also set like this in a measured point, it does not count.
+    /// Forecasts the time that it takes to measure `settings`. A node counts once for all settings in which it and
+    /// all nodes on which it depends have the same values. It does not count if a measured point has these values.
     pub fn outlook(&self, settings: &[Assignment]) -> Outlook {
         let graph = self.base();
         let reach = reach(graph, &self.tunables);
@@ -66,8 +66,8 @@ impl Bench<'_> {
         outlook
     }
 
-    /// Time in seconds that a node takes at a setting. It is taken from the most similar measured setting, or from
-    /// the plan if nothing was measured.
+    /// Time in seconds that a node takes at a setting. It is taken from the measured setting that is most similar,
+    /// or from the plan if nothing was measured.
     fn cost(
         &self,
         node: usize,

@@ -1,15 +1,15 @@
-//! A plot of error against cost, as SVG. No crate is used, since crates for charts support neither links nor text
-//! on hover.
+//! A plot of error against cost, as SVG. No charting crate is used, since none supports both links and text on
+//! hover.
 
 use std::fmt::Write as _;
 
 /// A point of a plot.
 pub struct Dot {
-    /// Work, on the horizontal axis.
+    /// Cost, on the horizontal axis.
     pub cost: f64,
     /// Error, on the vertical axis.
     pub error: f64,
-    /// Name, shown on hover and, if `named` is true, next to the point.
+    /// Name of the point. It is shown on hover and, if `named` is true, next to the point.
     pub name: String,
     /// True if no other point has both a lower cost and a lower error.
     pub front: bool,
@@ -24,9 +24,9 @@ const RIGHT: f64 = 120.0;
 const TOP: f64 = 20.0;
 const BOTTOM: f64 = 46.0;
 
-/// Draws a plot as SVG. `cost` and `error` are the labels of the axes, `shown` formats an error, and `bound` is
-/// drawn as a line. Both axes are logarithmic. An error of 0 is drawn on a separate line below the smallest other
-/// error. Returns `None` if there is nothing to plot.
+/// Draws a plot as SVG. `cost` and `error` are the labels of the axes, `shown` formats an error, and `bound` is an
+/// error at which a line is drawn. Both axes are logarithmic. Errors of 0 are drawn on a separate line below the
+/// smallest other error. Returns `None` if there is nothing to plot.
 pub fn svg(
     dots: &[Dot],
     cost: &str,
@@ -124,8 +124,9 @@ pub fn svg(
     Some(text)
 }
 
-/// The box of a dot's label: left, baseline, width and height. It lies right of the dot, at the first of three
-/// heights at which it overlaps no other label, or at the first height if it overlaps at all three.
+/// The box of a dot's label: left, baseline, width and height. It lies to the right of the dot. Three heights are
+/// tried, and the first is used at which the label overlaps no other label; if there is none, the first of the
+/// three.
 fn place_of_name(name: &str, (x, y): (f64, f64), others: &[[f64; 4]]) -> [f64; 4] {
     let at = |dy: f64| [x + 7.0, y + dy, 6.5 * name.len() as f64, 11.0];
     let apart =
@@ -134,8 +135,8 @@ fn place_of_name(name: &str, (x, y): (f64, f64), others: &[[f64; 4]]) -> [f64; 4
     free.unwrap_or(at(-5.0))
 }
 
-/// Values of the ticks between two decimal logarithms: powers of ten times 1, 2 and 5, or only powers of ten if the
-/// range is wide.
+/// Values of the ticks of an axis. `low` and `high` are the decimal logarithms of the ends of the axis. The ticks
+/// are powers of ten times 1, 2 and 5, or only powers of ten if the range is wide.
 fn ticks(low: f64, high: f64) -> Vec<f64> {
     let decades = low.floor() as i32..=high.ceil() as i32;
     let steps: &[f64] = if high - low < 2.5 { &[1.0, 2.0, 5.0] } else { &[1.0] };
@@ -143,7 +144,7 @@ fn ticks(low: f64, high: f64) -> Vec<f64> {
     all.filter(|v| (low..=high).contains(&nodes::math::num::f64::log10(*v))).collect()
 }
 
-/// Formats a number with few characters: `1.2 M`, `0.004`, `2e-6`.
+/// Formats a number with few characters, such as `1.2 M`, `0.004` or `2e-6`.
 pub fn tick_text(value: f64) -> String {
     let short = |value: f64, unit: &str| {
         let digits = if value < 9.995 {

@@ -1,30 +1,31 @@
-//! The knobs of a graph as a search sees them: their values, and the values that the presets select.
+//! The knobs of a graph in the form in which a search uses them: their possible values, and the values that the
+//! presets select.
 
 use engine::{Diagnostics, Graph, KnobKind, PRESETS, Registry};
 
 use crate::error::Error;
 
 /// A knob of the graph, or another field that a preset sets, with its possible values. The values of a knob are
-/// ordered from the least work to the least error.
+/// sorted by increasing work and decreasing error.
 pub struct Tunable {
     /// Name of the node.
     pub node: String,
-    /// Name of its parameter.
+    /// Name of the node's parameter.
     pub parameter: &'static str,
-    /// The values, as they are written in a graph.
+    /// The possible values, as they are written in a graph.
     pub values: Vec<String>,
-    /// Number of values per step of a search.
+    /// Number of places in `values` by which a search moves in one step.
     pub step: usize,
-    /// The index of the graph's own value.
+    /// The index in `values` of the graph's own value.
     pub now: usize,
-    /// The index of the value in each preset.
+    /// The index in `values` of the value in each preset.
     pub presets: [usize; 4],
-    /// True for a knob, whose values are ordered.
+    /// True if this is a knob, whose values are ordered.
     pub knob: bool,
 }
 
 impl Tunable {
-    /// A remark if the graph or a preset has a finer value than the reference; otherwise `None`.
+    /// Returns a remark if the value in the graph or in a preset is finer than the value in the preset `reference`.
     pub fn finer_than_the_reference(&self) -> Option<String> {
         let [draft, preview, finer, reference] = self.presets;
         let all = [(draft, "`draft`"), (preview, "`preview`"), (finer, "`final`"), (self.now, "the graph")];
@@ -38,10 +39,10 @@ impl Tunable {
     }
 }
 
-/// Index of the value of each tunable.
+/// For each tunable, the index of its value.
 pub type Assignment = Vec<usize>;
 
-/// Returns the graph with each of its presets applied.
+/// Returns the graph with each preset applied, in the order of [`PRESETS`].
 pub fn presets(graph: &Graph, registry: &Registry) -> Result<[Graph; 4], Error> {
     let preset = |name: &str| {
         let source = graph.source.clone().with_preset(name, registry);
@@ -53,9 +54,9 @@ pub fn presets(graph: &Graph, registry: &Registry) -> Result<[Graph; 4], Error> 
     Ok([draft?, preview?, finer?, reference?])
 }
 
-/// Checks that another form of a graph has the same nodes, so that an index refers to the same node in both. The
-/// nodes differ if a preset sets a field that varies along an axis, since this removes the axis from the nodes
-/// below. The error is the reason.
+/// Checks that `form`, which is `graph` at other settings, has the same nodes, so that an index refers to the same
+/// node in both. The nodes differ if a preset sets a field that varies along an axis, since this removes the axis
+/// from the nodes that depend on the field. The error is the reason.
 pub fn same_nodes(graph: &Graph, form: &Graph) -> Result<(), String> {
     let ids = |graph: &Graph| graph.nodes.iter().map(|node| node.id.clone()).collect::<Vec<_>>();
     let (all, others) = (ids(graph), ids(form));
@@ -70,9 +71,9 @@ pub fn same_nodes(graph: &Graph, form: &Graph) -> Result<(), String> {
     }
 }
 
-/// The knobs of some nodes and of the nodes above them. Other fields of these nodes that the graph's own presets
-/// set are included, since a reference may set, for example, another threshold. Fields that vary along an axis are
-/// left out.
+/// The tunables of the nodes `targets` and of all nodes on which they depend. They include the knobs, and other
+/// fields that the graph's own presets set, since a preset `reference` may set, for example, another threshold.
+/// Fields that vary along an axis are left out.
 pub fn tunables(graph: &Graph, targets: &[usize], registry: &Registry) -> Result<Vec<Tunable>, Error> {
     let laid = presets(graph, registry)?;
     for (name, form) in PRESETS.iter().zip(&laid) {
@@ -132,8 +133,9 @@ pub fn tunables(graph: &Graph, targets: &[usize], registry: &Registry) -> Result
     Ok(tunables)
 }
 
-/// Adds further values for a search: half and a quarter of the smallest value, and for numbers of samples, which
-/// determine most of the work, a value between each two neighbours. Returns the number of values per step.
+/// Adds values for a search: half and a quarter of the smallest value. For numbers of samples, which determine most
+/// of the work, also adds a value between each pair of neighbours. Returns the number of places in `values` by
+/// which a search moves in one step.
 fn widen(values: &mut Vec<String>, kind: KnobKind, least: f64) -> usize {
     let whole = |text: &String| text.parse::<u64>().ok();
     if values.len() < 2 || !matches!(kind, KnobKind::Samples | KnobKind::Resolution | KnobKind::Depth) {
@@ -157,8 +159,8 @@ fn equal(a: &str, b: &str) -> bool {
     a == b || a.parse::<f64>().is_ok_and(|a| b.parse() == Ok(a))
 }
 
-/// Inserts a value in the order of the list, which may be increasing or decreasing. A value that is not a number is
-/// inserted at the front.
+/// Inserts a value at its place in an increasing or decreasing list. A value that is not a number is inserted at
+/// the front.
 fn insert(values: &mut Vec<String>, value: &str, kind: KnobKind) {
     if values.iter().any(|known| equal(known, value)) {
         return;
@@ -188,7 +190,7 @@ mod tests {
     use super::*;
     use engine::{Source, SourceRoot};
 
-    /// A graph in which a coarse panorama is rendered first, for `fit-probe` to choose the size of the light.
+    /// A graph in which `fit-probe` chooses the size of the light. For this, a coarse panorama is rendered first.
     const FITTED: &str = r#"Graph(
         version: 1, scene: (up: "+z", seed: 1), nodes: (
             demo:   DemoScene(splats: 4000, width_px: 36, height_px: 26),
@@ -207,8 +209,8 @@ mod tests {
         ),
     )"#;
 
-    // Presets change the nodes that compute the light. They do not change the coarse panorama that only `fit-probe`
-    // reads, to choose sizes, unless this panorama is also an output, or a preset of the graph sets it. This test
+    // Presets change the nodes that compute the light. They do not change a coarse panorama that only `fit-probe`
+    // reads, to choose sizes, unless the panorama is also an output or a preset of the graph sets it. This test
     // fails if `LOOKS` of `fit-probe` is empty, if `shown_by` equals `above`, or if `looked_at` is always false.
     #[test]
     fn what_only_looks_is_turned_by_no_preset() {

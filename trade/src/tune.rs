@@ -1,4 +1,4 @@
-//! `tune`: the search for settings of the knobs, and its result as text and as JSON.
+//! `tune`: searches for settings of the knobs, and formats the result as text and as JSON.
 
 use engine::PRESETS;
 use serde_json::{Value, json};
@@ -14,14 +14,14 @@ use crate::tunables::Assignment;
 /// The unit of the cost of a setting.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Unit {
-    /// Rays, with other deterministic counts converted to rays.
+    /// Rays. Other deterministic counts are converted to rays.
     Rays,
-    /// CPU seconds of node code, as measured when it ran.
+    /// CPU seconds of the nodes' code, as measured when it was run.
     CpuSeconds,
 }
 
 impl Unit {
-    /// `rays` or `CPU-s`.
+    /// The name of the unit: `rays` or `CPU-s`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Rays => "rays",
@@ -33,11 +33,11 @@ impl Unit {
 /// The goal of a search.
 #[derive(Debug)]
 pub struct Wanted {
-    /// The measure of the error.
+    /// The metric that measures the error.
     pub metric: Metric,
-    /// The bound on error or on cost.
+    /// The bound on the error or on the cost.
     pub goal: Goal,
-    /// The unit of cost.
+    /// The unit of the cost.
     pub unit: Unit,
     /// Maximum number of settings to measure.
     pub budget: usize,
@@ -45,26 +45,27 @@ pub struct Wanted {
 
 /// The result of a search.
 pub struct Tuned {
-    /// All settings measured.
+    /// All settings that were measured.
     pub tried: Vec<Tried>,
-    /// The index of the best setting that reaches the goal.
+    /// The index in `tried` of the best setting that reaches the goal.
     pub best: Option<usize>,
-    /// The preset that reaches the goal at the lowest cost, or the best preset within the cost.
+    /// If the error is bounded, the cheapest preset that reaches the goal. If the cost is bounded, the preset with
+    /// the smallest error within the bound.
     pub naive: Option<(&'static str, Tried)>,
-    /// Result of a search for settings that cost less than half as much as that preset; `None` if this search was
-    /// not made, for example because the best setting already costs less.
+    /// Result of a search for settings that cost less than half as much as the preset in `naive`. `None` if there
+    /// was no such search, for example because the best setting already costs less.
     pub half: Option<Below>,
-    /// True if the search finished.
+    /// True if the search finished; false if measuring ended first.
     pub finished: bool,
-    /// Number of settings that could still have been measured.
+    /// Number of settings that the budget still allows to be measured.
     pub left: usize,
     /// True if the time for measuring ran out.
     pub late: bool,
-    /// The error that ended measuring; `None` if no error did.
+    /// The error that ended measuring; `None` if measuring did not end with an error.
     pub wrong: Option<Error>,
 }
 
-/// Searches for the best setting. Calls `each` after every new setting, with the index of its point.
+/// Searches for the best setting. After every newly measured setting, calls `each` with the index of its point.
 pub fn tune(bench: &mut Bench<'_>, wanted: &Wanted, each: impl FnMut(&mut Bench<'_>, usize)) -> Tuned {
     let steps = bench.steps();
     // The first start is the reference, with which the others are compared.
@@ -102,7 +103,7 @@ struct Measuring<'t, 'e, E> {
 }
 
 impl<E: FnMut(&mut Bench<'_>, usize)> Measuring<'_, '_, E> {
-    /// Returns the cost and error of an assignment; `None` ends the search.
+    /// Returns the cost and error of an assignment. `None` ends the search.
     fn measure(&mut self, assignment: &[usize]) -> Option<(f64, f64)> {
         let assignment = assignment.to_vec();
         let known = self.bench.points.len();
@@ -151,7 +152,7 @@ impl Tuned {
         }
     }
 
-    /// A line that compares the best setting with the presets and states why the search ended; empty if no setting
+    /// A line that compares the best setting with the presets and says why the search ended. Empty if no setting
     /// reaches the goal.
     pub fn summary(&self, wanted: &Wanted, stopped: bool) -> String {
         let Some(found) = self.best.map(|best| &self.tried[best]) else { return String::new() };
@@ -161,10 +162,10 @@ impl Tuned {
         {
             text.push_str(&format!("; {}", none_below_half(&wanted.metric, half)));
         }
-        format!("{text}; {} settings measured: {}", self.tried.len(), self.ended(stopped))
+        format!("{text}; settings measured: {}; {}", self.tried.len(), self.ended(stopped))
     }
 
-    /// Describes the setting nearest to a goal that no setting reaches.
+    /// Describes the setting that is nearest to the goal, if no setting reaches the goal.
     pub fn nearest(&self, wanted: &Wanted, stopped: bool) -> String {
         let least = |of: fn(&Tried) -> f64| self.tried.iter().map(of).reduce(f64::min);
         let nearest = match wanted.goal {
@@ -191,8 +192,8 @@ impl Tuned {
         }
     }
 
-    /// The rows of a table with one row per measured setting: mark, work, CPU seconds, error, name. The first row
-    /// is the heading.
+    /// The rows of a table of the measured settings, starting with the heading. The columns are mark, work, CPU
+    /// seconds, error and name.
     pub fn rows(&self, bench: &Bench<'_>, metric: &Metric) -> Vec<Vec<String>> {
         let front = pareto(&self.tried);
         let mut rows = vec![["", "work", "CPU-s", "error", "setting"].map(str::to_owned).to_vec()];
@@ -214,7 +215,7 @@ impl Tuned {
         rows
     }
 
-    /// The measured settings as JSON, with the reason why the search ended.
+    /// The measured settings and the reason why the search ended, as JSON.
     pub fn json(&self, bench: &Bench<'_>, metric: &Metric, stopped: bool) -> Value {
         let front = pareto(&self.tried);
         let point = |(index, t): (usize, &Tried)| {
@@ -243,8 +244,8 @@ impl Tuned {
     }
 }
 
-/// The preset that a user would choose without a search: the cheapest preset that reaches an error, or the best
-/// preset within a cost.
+/// The preset that a user would choose without a search. If the error is bounded, this is the cheapest preset that
+/// reaches the goal; if the cost is bounded, the preset with the smallest error within the bound.
 fn naive(starts: &[Assignment], tried: &[Tried], goal: Goal) -> Option<(&'static str, Tried)> {
     let presets = PRESETS.into_iter().rev().zip(starts);
     let known =
@@ -253,14 +254,15 @@ fn naive(starts: &[Assignment], tried: &[Tried], goal: Goal) -> Option<(&'static
     search::best(&tried, goal).map(|at| (names[at], tried[at].clone()))
 }
 
-/// Describes the result of the search for settings that cost less than half as much as the preset, and its limits.
+/// Describes the result of the search for settings that cost less than half as much as the preset, and how certain
+/// the result is.
 fn none_below_half(metric: &Metric, half: &Below) -> String {
     let least = half.all.iter().map(|t| t.error).reduce(f64::min);
     let found = match least {
         Some(_) if !half.complete => {
             let (count, least) = (half.all.len(), metric.shown(least));
             format!(
-                "of {count} settings measured below half of that cost, none reaches the goal (smallest error {least}); a larger `--budget` would measure more of them"
+                "no measured setting below half of that cost reaches the goal (settings: {count}, smallest error: {least}); a larger `--budget` would measure more of them"
             )
         }
         None if !half.complete => {
@@ -270,7 +272,7 @@ fn none_below_half(metric: &Metric, half: &Below) -> String {
         Some(_) => {
             let (count, least) = (half.all.len(), metric.shown(least));
             format!(
-                "of {count} settings found below half of that cost, none reaches the goal (smallest error {least})"
+                "no setting below half of that cost reaches the goal (settings: {count}, smallest error: {least})"
             )
         }
         None => {
@@ -281,8 +283,9 @@ fn none_below_half(metric: &Metric, half: &Below) -> String {
         }
     };
     let (most, pairs) = (100.0 * half.saved.most, half.saved.pairs);
-    let saved =
-        format!("in {pairs} pairs of measured settings, raising knobs saved at most {most:.1} % of the cost");
+    let saved = format!(
+        "raising knobs saved at most {most:.1} % of the cost in the measured pairs of settings ({pairs})"
+    );
     if half.complete {
         let margin = 100.0 * half.margin;
         format!(

@@ -1,10 +1,11 @@
-//! Work: deterministic counts of a run, combined into one number.
+//! Work: the deterministic counts of a run, combined into one number.
 
 use engine::Counts;
 
-/// Weights of counts, in rays: the CPU time of one unit of the count, divided by the CPU time of a ray of
-/// `path-trace`. They were fitted by `tests/tables/weights.py`; `docs/evidence/trade.md` has the measurements and
-/// shows how well the weights predict the time of single nodes. Other counts have no weight.
+/// Weights of counts, in rays. The weight of a count is the CPU time of one counted operation divided by the CPU
+/// time of one ray of `path-trace`. The weights were fitted by `tests/tables/weights.py`. `docs/evidence/trade.md`
+/// has the measurements and shows how well the weights predict the time of single nodes. Counts that are not listed
+/// have no weight.
 const WEIGHTS: [(&str, f64); 7] = [
     ("rays", 1.0),
     ("splat_tile_pairs", 0.4),
@@ -16,7 +17,7 @@ const WEIGHTS: [(&str, f64); 7] = [
     ("taps", 0.01),
 ];
 
-/// Combines counts into work, in rays.
+/// Combines the counts of a run into its work, in rays.
 pub fn work_of(counts: &Counts) -> f64 {
     let weigh = |(name, weight): &(&str, f64)| counts.get(*name).map_or(0.0, |n| *n as f64 * weight);
     WEIGHTS.iter().map(weigh).sum()

@@ -27,7 +27,7 @@ mod tests;
 /// Flag in the kind of an entry. An entry with this flag removes the previous entry of the same kind and key.
 const REMOVED: u8 = 0x80;
 
-/// Bytes per read.
+/// Number of bytes that are read at a time.
 const READ_BYTES: u64 = 1 << 20;
 
 /// Settings of a log: its files and how they are written.
@@ -39,26 +39,26 @@ pub(crate) struct Settings {
     pub temp: PathBuf,
     pub quarantine: PathBuf,
     pub writable: bool,
-    /// True to sync after every append.
+    /// True if the log is synced after every append.
     pub sync: bool,
 }
 
-/// A log in a file or in memory only. For each kind and key, only the last entry is valid.
+/// A log, either in a file or only in memory. For each kind and key, only the last entry is valid.
 #[derive(Debug)]
 pub(crate) struct Log {
     settings: Option<Arc<Settings>>,
     open: Option<Open>,
     lock: Option<FileLock>,
-    /// The index of the first part of the file.
+    /// The index of the first part of the file; `None` if no part is indexed.
     index: Option<Index>,
-    /// True if an index was found to be wrong; no index is read from then on.
+    /// True if an index was found to be wrong. From then on, no index is read.
     index_rejected: bool,
-    /// The entries after the indexed part of the file; `None` for a removed entry.
+    /// The locations of the entries after the indexed part of the file; `None` for a removed entry.
     recent: HashMap<EntryId, Option<Location>, BuildHasherDefault<DigestHasher>>,
-    /// All entries of a log without a file.
+    /// All entries, encoded, if the log has no file.
     memory: Vec<u8>,
     pages: PageCache,
-    /// The end of the last entry that was read, as an offset in the file.
+    /// Offset in the file of the end of the last entry that was read.
     parsed: u64,
     /// The length of the file when it was last read.
     length: u64,
@@ -66,7 +66,7 @@ pub(crate) struct Log {
     /// Number of damaged bytes that have not been reported.
     unreported: u64,
     unsynced: bool,
-    /// True if the last request for the lock timed out; the next one does not wait.
+    /// True if the last request for the lock timed out. The next request then does not wait.
     lock_timed_out: bool,
 }
 
@@ -77,7 +77,7 @@ struct Open {
     salt: u32,
 }
 
-/// An entry to append: kind, key, payload.
+/// An entry to append: kind, key and payload.
 pub(crate) type Item<'a> = (u8, Digest, &'a [u8]);
 
 impl Settings {
@@ -121,12 +121,14 @@ impl Log {
         Ok(log)
     }
 
-    /// True if the entry exists, as far as this process has read.
+    /// True if this process has read an entry of this kind and key that is still valid. Entries that other
+    /// processes appended since the last refresh are not found.
     pub fn contains(&mut self, kind: u8, key: &Digest) -> Result<bool> {
         Ok(self.find(&(kind, *key))?.is_some())
     }
 
-    /// The payload of the entry, as far as this process has read. Its checksums are verified by every call.
+    /// The payload of the entry of this kind and key. Its checksums are verified by every call. Entries that other
+    /// processes appended since the last refresh are not found.
     pub fn get(&mut self, kind: u8, key: &Digest) -> Result<Option<Vec<u8>>> {
         let id = (kind, *key);
         for _ in 0..2 {
@@ -145,13 +147,13 @@ impl Log {
         Ok(None)
     }
 
-    /// The keys of all entries of a kind, in order.
+    /// The keys of all entries of a kind, sorted.
     pub fn keys(&mut self, kind: u8) -> Result<Vec<Digest>> {
         let all = self.all()?.into_iter();
         Ok(all.filter(|((found, _), _)| *found == kind).map(|((_, key), _)| key).collect())
     }
 
-    /// Every entry, sorted by key and then kind.
+    /// Every entry, sorted by key and then by kind.
     fn all(&mut self) -> Result<Vec<(EntryId, Location)>> {
         let mut all = match self.index.as_mut().map(Index::all) {
             None => Vec::new(),
@@ -182,7 +184,7 @@ impl Log {
         }
     }
 
-    /// Forgets the index and reads the whole log.
+    /// Discards the index and reads the whole log.
     fn rescan(&mut self) -> Result<()> {
         self.index_rejected = true;
         self.reopen()?;
@@ -196,12 +198,12 @@ impl Log {
         Ok(self.sizes.damaged)
     }
 
-    /// The number of bytes of entries that were replaced, removed or cut short.
+    /// The number of bytes of entries that were replaced or removed, or are incomplete.
     pub fn dead(&self) -> u64 {
         self.sizes.dead
     }
 
-    /// The length of the payload of every entry of a kind, by key.
+    /// The key of every entry of a kind, and the length of its payload.
     pub fn lengths(&mut self, kind: u8) -> Result<Vec<(Digest, u64)>> {
         let all = self.all()?.into_iter().filter(|((found, _), _)| *found == kind);
         Ok(all.map(|((_, key), location)| (key, location.length.into())).collect())
@@ -223,7 +225,7 @@ impl Log {
         Ok(true)
     }
 
-    /// True if the file is the one that was read, and has not grown.
+    /// True if the file at the path is still the one that was read, and has not grown.
     fn is_current(&self) -> Result<bool> {
         let (Some(settings), Some(open)) = (&self.settings, &self.open) else {
             return Ok(self.settings.is_none());
@@ -236,7 +238,8 @@ impl Log {
         Ok(complete && same_file(&open.metadata, &metadata))
     }
 
-    /// Like [`refresh`](Self::refresh), for a caller that already holds the lock, which must not be locked twice.
+    /// Like [`refresh`](Self::refresh), but does not lock the file. Callers that hold the lock must use this
+    /// function, since the lock must not be taken twice.
     fn catch_up(&mut self) -> Result<()> {
         let Some(settings) = self.settings.clone() else { return Ok(()) };
         let Some(metadata) = regular::metadata(&settings.path).at("read", &settings.path)? else {
@@ -261,7 +264,7 @@ impl Log {
         };
     }
 
-    /// Discards the state in memory and opens the file that is at the path now.
+    /// Discards everything in memory and opens the file that is now at the path.
     fn reopen(&mut self) -> Result<()> {
         self.forget();
         let Some(settings) = &self.settings else { return Ok(()) };
@@ -293,7 +296,7 @@ impl Log {
         Ok(())
     }
 
-    /// Reads everything after the last entry that was read.
+    /// Reads all bytes of the file after the last known entry.
     fn read_tail(&mut self) -> Result<()> {
         let (Some(open), Some(settings)) = (&self.open, &self.settings) else { return Ok(()) };
         let (salt, path) = (open.salt, settings.path.clone());
@@ -312,8 +315,8 @@ impl Log {
         }
     }
 
-    /// Registers the entries in `bytes`, which start `base` bytes after the file's head. Returns the end of the
-    /// last entry.
+    /// Registers the entries in `bytes`. `base` is the distance in bytes from the end of the file's head to the
+    /// start of `bytes`. Returns the offset in `bytes` at which the last entry ends.
     fn parse(&mut self, salt: u32, base: u64, bytes: &[u8]) -> usize {
         let Log { index, recent, sizes, .. } = self;
         let scanned = entry::scan(salt, bytes, |at, entry| {
@@ -340,8 +343,8 @@ impl Log {
         scanned.end
     }
 
-    /// Reads `length` bytes at `offset`, which counts from the end of the file's head; fewer if the file is
-    /// shorter.
+    /// Reads `length` bytes at `offset`, which is counted from the end of the file's head. Returns fewer bytes if
+    /// the file is shorter.
     fn read(&mut self, offset: u64, length: usize) -> Result<&[u8]> {
         let (Some(open), Some(settings)) = (&self.open, &self.settings) else {
             return Ok(self.memory.get(offset as usize..offset as usize + length).unwrap_or_default());

@@ -1,4 +1,4 @@
-//! Tests of a log that two writers use, one of them without the lock.
+//! Tests of a log with two writers, one of which writes without the lock.
 
 use std::fs;
 use std::io::Write;
@@ -24,7 +24,7 @@ fn key(n: u8) -> Digest {
     Digest::of(&[n])
 }
 
-/// A log, and another one on the same file that does not wait for the lock.
+/// Two logs on the same file. The second log does not wait for the lock.
 fn two(folder: &Path) -> (Log, Log) {
     let (locked, mut other) = (Log::open(settings(folder)).unwrap(), Log::open(settings(folder)).unwrap());
     other.lock_timed_out = true;

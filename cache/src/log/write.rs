@@ -1,4 +1,4 @@
-//! Writing a [`Log`]: appending, compaction and the index.
+//! Functions that write a [`Log`]: appending, compaction, and the index.
 
 use std::collections::HashMap;
 use std::fs::{self, File};
@@ -17,24 +17,25 @@ use crate::log_head;
 use crate::stamp::same_file;
 use crate::temp::{TempFile, sync_folder};
 
-/// Logs with fewer dead bytes than this are not compacted.
+/// Minimum number of dead bytes for a compaction of an undamaged log.
 const MIN_DEAD: u64 = 1 << 20;
 
-/// An index is rewritten when at least this many bytes, and at least a sixteenth of the log, are not in it.
+/// An index is rewritten when the part of the log that is not indexed has at least this many bytes, and is at least
+/// a sixteenth of the log.
 const MIN_UNINDEXED: u64 = 64 << 10;
 
-/// Maximum time that an append waits for another process, so that a stopped process does not block others. After a
+/// Maximum time that an append waits for the lock, so that a stopped process does not block others. After a
 /// timeout, appends try to lock without waiting, until one of them obtains the lock.
 ///
-/// Appending without the lock is safe: bytes of a log are never changed or cut off, and a writer without the lock
-/// detects whether a compaction replaced the file meanwhile.
+/// Appending without the lock is safe: existing bytes of a log are never changed or cut off, and a writer without
+/// the lock detects whether a compaction replaced the file in the meantime.
 const LOCK_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Maximum number of attempts of an append while compactions replace the file.
+/// Maximum number of attempts of an append if compactions replace the file again and again.
 const APPEND_ATTEMPTS: usize = 5;
 
 impl Log {
-    /// Appends all items as one write.
+    /// Appends all items in a single write.
     pub fn append(&mut self, items: &[Item<'_>]) -> Result<()> {
         if let Some((_, _, payload)) = items.iter().find(|(_, _, payload)| payload.len() > MAX_PAYLOAD) {
             return Err(Error::RecordTooLarge { length: payload.len(), limit: MAX_PAYLOAD });
@@ -52,7 +53,7 @@ impl Log {
         self.append_to_file(&settings, items, guard.is_some())
     }
 
-    /// Appends to the file; `locked` is true if the caller holds the lock.
+    /// Appends all items to the file. `locked` is true if the caller holds the lock.
     pub(super) fn append_to_file(
         &mut self,
         settings: &Settings,
@@ -85,11 +86,11 @@ impl Log {
                 return Ok(());
             }
         }
-        let source = io::Error::other("other processes replace it repeatedly");
+        let source = io::Error::other("other processes repeatedly replaced the file");
         Err(Error::io("append to", &settings.path, source))
     }
 
-    /// Removes an entry, for every process.
+    /// Removes an entry by appending a removal, which other processes read too.
     pub fn remove(&mut self, kind: u8, key: &Digest) -> Result<()> {
         self.refresh()?;
         if !self.contains(kind, key)? {
@@ -98,7 +99,8 @@ impl Log {
         self.append(&[(kind | REMOVED, *key, &[])])
     }
 
-    /// Removes an entry that turned out damaged, for every process if possible and for this one in any case.
+    /// Removes an entry that was found to be damaged. If the removal cannot be written, the entry is removed only
+    /// for this process.
     pub fn drop_entry(&mut self, kind: u8, key: &Digest) {
         let _ = self.remove(kind, key);
         self.recent.insert((kind, *key), None);
@@ -114,15 +116,15 @@ impl Log {
         Ok(())
     }
 
-    /// True if enough of the file is dead or damaged that it should be rewritten.
+    /// True if the file should be rewritten, because it contains damage or mostly dead entries.
     pub fn wants_compaction(&self) -> bool {
         let LogSizes { live, dead, damaged } = self.sizes;
         damaged > 0 || (dead > live && dead > MIN_DEAD)
     }
 
-    /// Rewrites the file with only those live entries that `keep` accepts, and returns whether it was rewritten.
-    /// Other processes continue to read the old file until their next refresh, and append to the new one. Does
-    /// nothing where locks do not work.
+    /// Rewrites the file with only those live entries for which `keep` returns true. Returns whether the file was
+    /// rewritten. Other processes read the old file until their next refresh, and append to the new file. Does
+    /// nothing on file systems without locks.
     pub fn compact(&mut self, keep: impl Fn(u8, &Digest) -> bool) -> Result<bool> {
         let Some(settings) = self.settings.clone().filter(|settings| settings.writable) else {
             return Ok(false);
@@ -165,7 +167,8 @@ impl Log {
     }
 
     /// Renames a compacted log over the file. `old_length` is the number of bytes of the old file that were
-    /// compacted. Entries appended to the old file after these, without the lock, are copied to the new file.
+    /// compacted. If other writers have appended more entries to the old file without the lock, these are copied to
+    /// the new file.
     pub(super) fn replace_file(&mut self, settings: &Settings, new: TempFile, old_length: u64) -> Result<()> {
         let Some(old) = self.open.take() else { return Ok(()) };
         new.persist(&settings.path)?;
@@ -181,7 +184,8 @@ impl Log {
         if items.is_empty() { Ok(()) } else { self.append_to_file(settings, &items, true) }
     }
 
-    /// Rewrites the index if much of the log is not in it. A log without an index is read whole.
+    /// Rewrites the index if much of the log is not indexed. Without an index, the whole log must be read when it
+    /// is opened.
     pub fn save_index(&mut self) -> Result<()> {
         let (Some(settings), Some(open)) = (self.settings.clone(), &self.open) else { return Ok(()) };
         let salt = open.salt;
@@ -207,7 +211,7 @@ impl Log {
         guard
     }
 
-    /// Creates the file unless one with an undamaged head exists.
+    /// Creates the file, unless there is a file with an undamaged head.
     pub(super) fn ensure_file(&mut self, settings: &Settings, locked: bool) -> Result<()> {
         if self.open.is_some() {
             return Ok(());
@@ -237,8 +241,8 @@ fn encode(items: &[Item<'_>], salt: u32) -> Vec<u8> {
     bytes
 }
 
-/// Appends in a single call, so that no other writer interferes even without a lock. With failpoints it appends in
-/// two calls, so that a test can stop the process between them.
+/// Appends `bytes` in a single call, so that no other writer can write in between, even without a lock. With the
+/// feature `failpoints`, appends them in two calls, so that a test can stop the process between the halves.
 fn write_halves(mut file: &File, bytes: &[u8]) -> io::Result<()> {
     reach(failpoint::APPEND_BEFORE)?;
     let (first, second) = bytes.split_at(if cfg!(feature = "failpoints") { bytes.len() / 2 } else { 0 });

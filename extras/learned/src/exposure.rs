@@ -1,13 +1,13 @@
-//! Training of the exposure network. It predicts where in a panorama the light lies that clipping has hidden; the
-//! total amount of this light is fitted separately, beforehand. The network scores each clipped cell, and the
-//! softmax of the scores distributes the amount among the cells. Unlike a regression per cell, this can put all
-//! light into one cell.
+//! Training of the exposure network. In panoramas whose bright light is clipped, the network predicts which cells
+//! the hidden light comes from. The total amount of hidden light is fitted separately, beforehand. The network
+//! scores each clipped cell, and the softmax of the scores distributes the amount among the cells. Unlike a
+//! regression per cell, this can assign all light to one cell.
 
 use candle_core::{D, Device, Result, Tensor, Var};
 
 /// Photographed panoramas, stored as arrays with one row per panorama. All panoramas have the same number of
-/// clipped cells. A panorama with more cells is represented by a random choice of them; one with fewer cells is
-/// padded with cells of weight 0.
+/// clipped cells: of a panorama with more clipped cells, only a selection is used; a panorama with fewer is padded
+/// with cells without any light.
 pub struct Examples {
     /// Number of panoramas.
     pub count: usize,
@@ -17,18 +17,21 @@ pub struct Examples {
     pub overview: Vec<f32>,
     /// Features of each cell.
     pub features: Vec<f32>,
-    /// Logarithm of each cell's visible flux times the number of cells that the cell represents; -1e9 for padding.
+    /// Logarithm of the visible flux that each cell represents: the cell's own visible flux times the number of
+    /// cells that it stands for. -1e9 for padding.
     pub log_flux: Vec<f32>,
-    /// Hidden flux of each cell, including the cells that it represents.
+    /// Hidden flux that each cell represents: its own, and that of the cells that it stands for.
     pub hidden: Vec<f32>,
-    /// For cells near the dominant light: cosine of the angle between the cell's direction and the normal of the
-    /// plane on which contrast is measured. 0 for other cells.
+    /// Cosine of the angle between the cell's direction and the normal of the plane on which contrast is measured,
+    /// for cells near the dominant light; 0 for other cells.
     pub near: Vec<f32>,
-    /// For cells far from the dominant light: the same cosine as in `near`. 0 for cells near the dominant light.
+    /// The same cosine for cells far from the dominant light; 0 for cells near it.
     pub far: Vec<f32>,
-    /// Eight fluxes of each panorama, in this order: the total visible flux; the visible flux that the plane
-    /// receives from cells near the dominant light, and from all other cells; the same three of the ground truth;
-    /// the hidden flux of the ground truth, and the fitted hidden flux.
+    /// Eight fluxes of each panorama, in this order:
+    /// - visible flux: the total, the flux on the plane from cells near the dominant light, and the flux on the
+    ///   plane from all other cells;
+    /// - flux of the ground truth: the same three values;
+    /// - hidden flux: the value of the ground truth, and the fitted value.
     pub fluxes: Vec<[f32; 8]>,
     /// Weight of each panorama.
     pub weight: Vec<f32>,
@@ -43,13 +46,14 @@ pub struct Recipe {
     pub steps: usize,
     /// Number of examples per step.
     pub batch: usize,
-    /// Initial learning rate. It is reduced during the first 20 steps, and falls linearly to 0 at the end.
+    /// Learning rate, before it is scaled. It is scaled by a factor that falls linearly from 1 to 0 during the
+    /// training, and in the first 20 steps also by a factor that rises linearly to 1.
     pub rate: f64,
-    /// Weight of contrast in the loss.
+    /// Weight of the error in contrast in the loss.
     pub contrast: f64,
     /// Weight of the cross-entropy of the light's position in the loss.
     pub place: f64,
-    /// Weight decay of the linear part of the score, and of the part with hidden units.
+    /// Weight decay of the linear part of the score, and weight decay of the part with hidden units.
     pub decay: [f64; 2],
 }
 
@@ -77,8 +81,8 @@ pub struct Scale {
 }
 
 impl Scale {
-    /// Computes mean and standard deviation of each column. `values` contains rows of `columns` numbers; only rows
-    /// for whose index `counts` returns true are used.
+    /// Computes the mean and standard deviation of each column. `values` contains rows of `columns` numbers. Only
+    /// rows for whose index `counts` returns true are used.
     pub fn of(values: &[f32], columns: usize, counts: impl Fn(usize) -> bool) -> Self {
         let (mut sums, mut squares, mut n) = (vec![0.0_f64; columns], vec![0.0_f64; columns], 0.0);
         for (_, row) in values.chunks_exact(columns).enumerate().filter(|(i, _)| counts(*i)) {
@@ -98,7 +102,7 @@ impl Scale {
         Self { mean, spread }
     }
 
-    /// Divides the difference from the mean by the standard deviation, and limits the result to ± `limit`.
+    /// Subtracts the mean of each column, divides by its standard deviation, and clamps the result to ± `limit`.
     pub fn apply(&self, values: &mut [f32], limit: f32) {
         for row in values.chunks_exact_mut(self.mean.len()) {
             for ((v, mean), spread) in row.iter_mut().zip(&self.mean).zip(&self.spread) {
@@ -111,7 +115,7 @@ impl Scale {
 /// A trained network. Its inputs must be scaled; see [`Scale`].
 #[derive(Debug, Clone)]
 pub struct Network {
-    /// Names, shapes and values, as in the weights file.
+    /// Name, shape and values of each tensor, as in the weights file.
     pub tensors: Vec<(&'static str, Vec<usize>, Vec<f32>)>,
 }
 
@@ -123,7 +127,7 @@ struct Weights {
     out: Var,
 }
 
-/// A seeded sequence of random numbers (splitmix64), uniform in (-1, 1).
+/// A seeded generator of random numbers (SplitMix64), uniform in (-1, 1).
 struct Random(u64);
 
 impl Random {
@@ -144,7 +148,7 @@ impl Random {
     }
 }
 
-/// Slope of the activation function below 0.
+/// Slope of the activation function for negative inputs.
 const LEAK: f64 = 0.1;
 
 fn unit(x: &Tensor) -> Result<Tensor> {
@@ -211,7 +215,7 @@ impl Weights {
     }
 }
 
-/// A smooth approximation of |x|.
+/// A smooth approximation of the absolute value.
 fn magnitude(x: &Tensor) -> Result<Tensor> {
     (x.sqr()? + 0.05)?.sqrt()
 }
@@ -220,7 +224,7 @@ fn log2(x: &Tensor) -> Result<Tensor> {
     x.log()? * std::f64::consts::LOG2_E
 }
 
-/// The examples of one step, as tensors.
+/// The examples of one training step, as tensors.
 struct Batch {
     overview: Tensor,
     features: Tensor,
@@ -285,7 +289,7 @@ impl Batch {
     }
 }
 
-/// The moments of the gradients in the Adam optimiser.
+/// The Adam optimiser, with its running moments of the gradients.
 struct Adam {
     first: Vec<Tensor>,
     second: Vec<Tensor>,
@@ -311,9 +315,9 @@ impl Adam {
     }
 }
 
-/// Trains one network on the `chosen` examples, whose features must be scaled. Uses a GPU if the build supports it
-/// and one is present. After each step, `tell` receives the number of finished steps and the loss, and returns true
-/// to continue. Returns `None` if `tell` stopped the training.
+/// Trains one network on the examples with the indices `chosen`. Their features must be scaled. Uses a GPU if the
+/// build supports it and one is present. After each step, `tell` receives the number of finished steps and the
+/// loss, and returns true to continue. Returns `None` if `tell` stopped the training.
 pub fn train(
     examples: &Examples,
     chosen: &[usize],
@@ -370,8 +374,8 @@ pub fn predict(network: &Network, overview: &[f32], features: &[f32], log_flux: 
 mod tests {
     use super::*;
 
-    // The moments must not refer to the operations that computed them, because these would keep the values of every
-    // step alive. This test fails if `Adam::step` does not call `detach`.
+    // The moments must not refer to the operations that computed them, because these operations would keep the
+    // values of every step in memory. This test fails if `Adam::step` does not call `detach`.
     #[test]
     fn moments_hold_no_history() {
         let var = || Var::from_vec(vec![1.0_f32, 2.0], 2, &Device::Cpu).expect("fits");

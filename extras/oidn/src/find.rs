@@ -3,18 +3,18 @@
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
-/// Name of the file that a program loads. This file depends on the core library, which contains the code and the
-/// weights, and whose name contains the full version.
+/// Name under which programs load the library. The file with this name depends on the core library, which contains
+/// the code and the weights. The name of the core library contains the full version.
 const FILE: &str = "libOpenImageDenoise.so.2";
 const CORE: &[u8] = b"libOpenImageDenoise_core.so.";
-/// Environment variable with the folder of the library, for libraries outside the default folders.
+/// Environment variable that contains the folder of the library, for libraries outside the default folders.
 const FOLDER: &str = "LIGHTHARMONY_OIDN";
-/// Folders searched by default: the folder for libraries built by an administrator, and the library folders of
-/// Debian, Fedora and Arch.
+/// Folders searched by default: the folder for locally built libraries, and the library folders of Debian, Fedora
+/// and Arch.
 const USUAL: [&str; 5] =
     ["/usr/local/lib", "/usr/lib/x86_64-linux-gnu", "/usr/lib/aarch64-linux-gnu", "/usr/lib64", "/usr/lib"];
 
-/// The library on disk.
+/// An installed library.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Found {
     /// Path of the file. The file contains the version number, so its bytes differ between versions.
@@ -23,18 +23,18 @@ pub struct Found {
     pub version: String,
 }
 
-/// The error that is returned if no folder contains the library.
+/// Error: no searched folder contains version 2 of the library.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("Open Image Denoise 2 is not installed: `{FILE}` was not found in {}{}", listed(.looked), but(.others))]
 pub struct Missing {
     /// The searched folders, in order.
     pub looked: Vec<PathBuf>,
-    /// Files that have the name of the library, but are of another version or not the library at all.
+    /// Files with the name of the library that are not version 2 of the library.
     pub others: Vec<PathBuf>,
 }
 
 impl Missing {
-    /// Advice for the user, to be shown with the error.
+    /// Advice for the user, shown together with the error.
     pub const HINT: &str = "install it (https://www.openimagedenoise.org), or set `LIGHTHARMONY_OIDN` to the folder that contains it";
 }
 
@@ -46,16 +46,16 @@ fn but(others: &[PathBuf]) -> String {
     if others.is_empty() {
         String::new()
     } else {
-        format!("; not version 2 of the library: {}", listed(others))
+        format!("; other versions of the library, or other files of this name: {}", listed(others))
     }
 }
 
-/// Looks for the library in the folder named by the environment variable `LIGHTHARMONY_OIDN`. If it is not set,
-/// searches the folders in `LD_LIBRARY_PATH` and then the default folders. A graph cannot specify the path, because
-/// loading a library runs its code.
+/// Looks for the library in the folder given by the environment variable `LIGHTHARMONY_OIDN`. If the variable is
+/// not set, searches the folders in `LD_LIBRARY_PATH` and then the default folders. A graph cannot specify the
+/// path, because loading a library runs its code.
 ///
 /// # Errors
-/// If no folder contains version 2 of the library.
+/// If no searched folder contains version 2 of the library.
 pub fn find() -> Result<Found, Missing> {
     find_in(folders(std::env::var_os(FOLDER), std::env::var_os("LD_LIBRARY_PATH")))
 }
@@ -81,7 +81,7 @@ fn find_in(looked: Vec<PathBuf>) -> Result<Found, Missing> {
     })
 }
 
-/// The version of the core library that the file at `path` depends on.
+/// Returns the version of the core library on which the file at `path` depends.
 fn version_of(path: &Path) -> Option<String> {
     let bytes = std::fs::read(path).ok()?;
     let start = bytes.windows(CORE.len()).position(|window| window == CORE)? + CORE.len();
@@ -115,7 +115,10 @@ mod tests {
         let text = missing.to_string();
         assert!(text.contains(FILE) && text.contains(&empty.path().display().to_string()), "{text}");
         assert!(
-            text.ends_with(&format!("; not version 2 of the library: `{}`", old.path().join(FILE).display())),
+            text.ends_with(&format!(
+                "; other versions of the library, or other files of this name: `{}`",
+                old.path().join(FILE).display()
+            )),
             "{text}"
         );
     }

@@ -1,9 +1,10 @@
-//! Open Image Denoise, the denoiser of Intel, which Blender also uses. The library is loaded at run time if it is
+//! Open Image Denoise, Intel's denoiser, which is also used in Blender. The library is loaded at run time if it is
 //! installed. This crate is not part of a default build; the feature `oidn` of `lightharmony` adds it.
 //!
-//! The crate passes arrays of colours to the library. It does not depend on graphs or images. [`find()`] looks for
-//! the library and reports where it looked; [`Found::load`] loads it; [`Library::denoise`] filters one picture on
-//! the thread that calls it. Version 2 for Linux is supported; version 1 has other function names.
+//! The crate passes arrays of colours to the library and does not depend on graphs or images. [`find()`] looks for
+//! the library and reports the searched folders if it is not found. [`Found::load`] loads it. [`Library::denoise`]
+//! filters one picture on the calling thread. Only version 2 for Linux is supported; version 1 has other function
+//! names.
 
 mod find;
 mod library;
@@ -22,7 +23,7 @@ pub enum Error {
     Load {
         /// The file.
         path: String,
-        /// The linker's message.
+        /// The error message of the dynamic linker.
         why: String,
     },
     /// The library reported an error.
@@ -30,7 +31,7 @@ pub enum Error {
     Failed {
         /// Version of the library.
         version: String,
-        /// The library's message.
+        /// The error message of the library.
         why: String,
     },
 }
@@ -43,7 +44,7 @@ mod tests {
 
     const SIZE: [usize; 2] = [48, 40];
 
-    /// Returns the library if it is installed. Otherwise prints the name of the skipped test.
+    /// Returns the library if it is installed. Otherwise prints that the test `test` is skipped.
     fn installed(test: &str) -> Option<Library> {
         match find() {
             Ok(found) => Some(found.load().expect("what is installed can be loaded")),

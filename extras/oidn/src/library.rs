@@ -12,14 +12,14 @@ type Monitor = unsafe extern "C" fn(*mut c_void, f64) -> bool;
 type SetImage =
     unsafe extern "C" fn(Filter, *const c_char, *mut c_void, c_int, usize, usize, usize, usize, usize);
 
-/// `OIDN_DEVICE_TYPE_CPU`. On a GPU, the output would depend on the model of the GPU.
+/// `OIDN_DEVICE_TYPE_CPU`. The CPU is always used, since the output of a GPU would depend on its model.
 const CPU: c_int = 1;
 /// `OIDN_FORMAT_FLOAT3`.
 const FLOAT3: c_int = 3;
-/// Approximate maximum memory of the library, in bytes; pictures that need more are filtered in tiles.
+/// Approximate maximum memory that the library uses, in bytes. Pictures that need more are filtered in tiles.
 pub const MEMORY_BYTES: u64 = 1 << 30;
 
-/// The library functions that are called, as declared in `OpenImageDenoise/oidn.h` of version 2.
+/// The loaded library: the functions that are called, as declared in `OpenImageDenoise/oidn.h` of version 2.
 pub struct Library {
     version: String,
     new_device: unsafe extern "C" fn(c_int) -> Device,
@@ -40,17 +40,17 @@ pub struct Library {
 /// Auxiliary images that guide the filter. Each has three floats per pixel, like the picture itself.
 #[derive(Debug, Clone, Copy)]
 pub struct Surfaces<'a> {
-    /// Reflectance, 0 to 1.
+    /// Reflectance, from 0 to 1.
     pub albedo: &'a [f32],
-    /// Normals; zero vectors where there is no surface.
+    /// Surface normals; zero vectors where there is no surface.
     pub normal: &'a [f32],
 }
 
 impl Found {
-    /// Loads the library, which stays loaded until the program ends, since its threads may still be running.
+    /// Loads the library. It stays loaded until the program ends, because its threads may still be running.
     ///
     /// # Errors
-    /// If the file is not the library, or needs other libraries that are missing.
+    /// If the file is not the library, or depends on other libraries that are missing.
     pub fn load(&self) -> Result<Library, Error> {
         let path = self.path.display().to_string();
         let failed = |why: libloading::Error| {
@@ -95,8 +95,8 @@ impl Library {
     }
 
     /// Filters a picture on the calling thread. `colour` contains linear values, three floats per pixel, row by
-    /// row. `goes_on` is called repeatedly and returns false to stop. The result is bitwise reproducible with the
-    /// same library on the same type of processor.
+    /// row. `goes_on` is called repeatedly; if it returns false, the filter stops. Calls with the same library and
+    /// the same type of processor give bit-identical results.
     ///
     /// # Errors
     /// If `goes_on` returned false, or the library reports an error.
@@ -147,7 +147,7 @@ impl Library {
     /// Returns the first error that the device has reported since the last call.
     ///
     /// # Safety
-    /// The device must be one of this library's, or null.
+    /// `device` must have been created by this library, or be null.
     unsafe fn check(&self, device: Device) -> Result<(), Error> {
         /// `OIDN_ERROR_CANCELLED`.
         const CANCELLED: c_int = 6;
@@ -170,7 +170,7 @@ impl Library {
     }
 }
 
-/// Asks the closure behind the pointer whether to continue.
+/// Calls the closure to which the pointer leads. Returns false if the filter should stop.
 ///
 /// # Safety
 /// The pointer must point to a `&(dyn Fn() -> bool + Sync)`.
@@ -180,7 +180,7 @@ unsafe extern "C" fn monitor(goes_on: *mut c_void, _: f64) -> bool {
     goes_on()
 }
 
-/// Releases an object of the library.
+/// Guard that releases an object of the library when it is dropped.
 struct Release(unsafe extern "C" fn(*mut c_void), *mut c_void);
 
 impl Drop for Release {

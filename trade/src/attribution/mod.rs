@@ -1,40 +1,42 @@
-//! Attribution of the error to nodes: each node alone is set to the reference, and, in reverse, all nodes but one.
+//! Attribution of the error to nodes. The error is measured with only one node at the reference settings, and with
+//! all nodes but one at the reference settings.
 
 use crate::bench::Bench;
 use crate::metric::Metric;
 use crate::tunables::Assignment;
 
-/// Effects of one node on the error: what remains if it alone is set to the reference, and what it causes if all
-/// other nodes are.
+/// Effects of one node on the error: the error that remains if only this node is set to the reference, and the
+/// error that the node causes if all other nodes are set to the reference.
 #[derive(Debug)]
 pub struct Attribution {
     /// Name of the node.
     pub node: String,
-    /// Error with this node alone at the reference.
+    /// Error with only this node at the reference; `None` if it was not computed.
     pub alone: Option<f64>,
-    /// Error with all other nodes at the reference, which is the node's own error; `None` if it was not measured.
+    /// Error with all other nodes at the reference. This is the node's own error. `None` if it was not measured.
     pub all_but: Option<f64>,
-    /// Work with this node alone at the reference.
+    /// Work with only this node at the reference.
     pub work_alone: f64,
 }
 
-/// The node that causes the most error.
+/// The result of the search for the node that causes the most error.
 #[derive(Debug, PartialEq)]
 pub enum Blame<'a> {
-    /// The node whose own error is largest, and this error.
+    /// The node with the largest own error, and this error.
     Makes(&'a str, f64),
-    /// The node that reduces the error most when it alone is set to the reference. Its own error was not measured.
+    /// The node for which the error decreases most if only this node is set to the reference. Own errors were not
+    /// measured.
     Helps(&'a str),
-    /// No node causes an error; or, if own errors were not measured, setting any one node to the reference does not
-    /// reduce the error.
+    /// No node causes an error. If own errors were not measured: the error does not decrease if any single node is
+    /// set to the reference.
     None,
     /// The error was not computed.
     Unknown,
 }
 
 impl<'a> Blame<'a> {
-    /// Finds the node that causes the most error. `attributions` are sorted, worst first; `error` is the error of
-    /// the graph with its own settings.
+    /// Finds the node that causes the most error. `attributions` must be sorted, with the largest error first.
+    /// `error` is the error of the graph with its own settings.
     pub fn of(attributions: &'a [Attribution], error: Option<f64>) -> Self {
         let Some(first) = attributions.first() else { return Self::Unknown };
         match (first.all_but, first.alone, error) {
@@ -64,10 +66,10 @@ pub fn attribution_settings(bench: &Bench<'_>) -> Vec<(String, Assignment, Assig
         .collect()
 }
 
-/// Attributes the error to the nodes with knobs. They are sorted by their own error, largest first; nodes with
-/// equal own errors by the error that remains when they are set to the reference, smallest first. `reverse` selects
-/// whether own errors are measured. `measure` returns the index of a point, or `None` when the time is over; the
-/// attribution then ends with the nodes measured so far. An error of `measure` is returned.
+/// Attributes the error to the nodes with knobs. If `reverse` is true, own errors are measured as well. The result
+/// is sorted by own error, largest first. Nodes with equal own errors are sorted by the error that remains with
+/// only this node at the reference, smallest first. `measure` returns the index of a point, or `None` when the time
+/// is over; the attribution then ends with the nodes measured so far. An error of `measure` is returned.
 pub fn attributions<E>(
     bench: &mut Bench<'_>,
     metric: &Metric,

@@ -17,8 +17,8 @@ use crate::tunables::Assignment;
 
 const GRAPH: &str = include_str!("../../../tests/tables/bad.ron");
 
-/// For each bad setting: its name, the good text in the graph, the bad text that replaces it, and the node that
-/// then causes the error.
+/// The bad settings that are tested. For each: its name, the good text in the graph, the bad text that replaces it,
+/// and the name of the node that then causes the error.
 const BAD: [(&str, &str, &str, &str); 5] = [
     ("probe of 8 px", "0.3, size_px: 64", "0.3, size_px: 8", "probe"),
     (
@@ -37,8 +37,8 @@ const BAD: [(&str, &str, &str, &str); 5] = [
     ),
 ];
 
-/// The bad node for which `tune` is run as well. Only one is tested, since each run takes seconds;
-/// `docs/evidence/trade.md` has the results for all.
+/// The bad setting with which `tune` is tested, too. Only one is tested, since each run takes seconds;
+/// `docs/evidence/trade.md` has the results for all bad settings.
 const TUNED: &str = "probe";
 
 fn bench<'e>(engine: &'e Engine, text: &str) -> Bench<'e> {
@@ -149,7 +149,7 @@ fn none_is_to_blame_of_nothing() {
     assert_eq!(blamed(None, None, None), "unknown");
 }
 
-/// The row of `docs/evidence/trade.md` for a bad node.
+/// The row of `docs/evidence/trade.md` about the bad setting `what`.
 fn row_of(what: &str) -> &'static str {
     let page = include_str!("../../../docs/evidence/trade.md");
     page.lines().find(|line| line.starts_with(&format!("| {what} |"))).unwrap()
@@ -167,8 +167,8 @@ fn the_page_says(what: &str, names: [&str; 2], errors: [f64; 4]) {
     assert!(names.iter().all(|name| row.contains(&format!("`{name}`"))), "{names:?}: {row}");
 }
 
-/// Checks that holes of the background do not count as touched: the backdrop is visible in them even without the
-/// object.
+/// Checks that holes of the background do not count as touched, since the backdrop is visible in them even without
+/// the object.
 fn holes_are_not_touched(engine: &Engine) {
     let measure = |backdrop: &str| {
         let with = format!("object: \"trace.object\", backdrop: {backdrop}");
@@ -190,8 +190,8 @@ fn holes_are_not_touched(engine: &Engine) {
     assert!((black.1 - white.1).abs() < 0.1 * black.1, "{black:?} {white:?}");
 }
 
-/// Checks which pictures are judged: those whose size a knob changes are not; layers are, if there are no other
-/// pictures.
+/// Checks which pictures are judged. Pictures whose size is set by a knob are not judged; layers are judged only if
+/// there are no other pictures.
 fn what_is_judged(engine: &Engine) {
     let save = "save:   WriteImage(image: \"final\", path: \"final.png\")";
     let pano =
@@ -298,7 +298,7 @@ fn counts_are_known(mut bench: Bench<'_>) {
 }
 
 /// Checks that `tune` finds a setting that reaches an error of 0.02 at less than half the cost of the cheapest
-/// preset that reaches it. Returns the cost of this setting, and the ratio of this cost to the cost of the preset.
+/// preset that reaches it. Returns the cost of the setting, and this cost divided by the cost of the preset.
 fn cheap_settings(bench: &mut Bench<'_>, metric: &Metric, node: &str) -> (f64, f64) {
     let goal = Goal::Error(0.02);
     let steps = bench.steps();

@@ -1,4 +1,4 @@
-//! The measurements of `report` as JSON.
+//! The measurements of the subcommand `report` as JSON.
 
 use std::collections::BTreeMap;
 

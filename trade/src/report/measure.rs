@@ -13,15 +13,15 @@ use crate::tunables::Assignment;
 /// Reasons why no report could be made.
 #[derive(Debug)]
 pub enum Stop {
-    /// The user interrupted the measurement.
+    /// The user interrupted measuring.
     Asked,
     /// The time ran out before the reference and the graph's own settings were measured.
     Late,
-    /// A setting failed.
+    /// A setting could not be measured.
     Wrong(Error),
 }
 
-/// Indices of the points that a report shows, and the error that each node causes with the graph's own settings.
+/// Indices of the points that a report shows, and the attribution of the error to the nodes.
 pub struct Measured {
     /// The points of the presets, in the order of [`PRESETS`]; `None` for a preset that was not reached in time.
     pub presets: [Option<usize>; 4],
@@ -29,14 +29,14 @@ pub struct Measured {
     pub reference: usize,
     /// The point of the graph with its own settings.
     pub now: usize,
-    /// The error caused by each node that has knobs, largest first.
+    /// The attribution of the error to each node with knobs, the largest own error first.
     pub attributions: Vec<Attribution>,
     /// True if the time ran out before everything was measured.
     pub late: bool,
 }
 
-/// All settings that a report measures, in the order of measurement. If `reverse` is true, they include the
-/// settings with all nodes except one at the reference.
+/// All settings that a report measures, in the order of measurement. If `reverse` is true, they include, for each
+/// node, the setting with all other nodes at the reference.
 pub fn settings(bench: &Bench<'_>, reverse: bool) -> Vec<Assignment> {
     // The first setting is the reference, with which the others are compared.
     let mut all = vec![bench.preset(REFERENCE), bench.now()];
@@ -52,8 +52,8 @@ pub fn settings(bench: &Bench<'_>, reverse: bool) -> Vec<Assignment> {
 /// The index of `reference` in [`PRESETS`].
 const REFERENCE: usize = PRESETS.len() - 1;
 
-/// Measures the settings that a report shows, until the time is over. Calls `each` after every new setting, with
-/// the index of its point.
+/// Measures the settings that a report shows, until the time is over. After every newly measured setting, calls
+/// `each` with the index of its point.
 pub fn measure_all(
     bench: &mut Bench<'_>,
     metric: &Metric,

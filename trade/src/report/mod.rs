@@ -1,5 +1,5 @@
-//! The measurements of `report`: the graph at its presets, with its own settings, and with one node at a time at
-//! the reference.
+//! The measurements of the subcommand `report`: the graph at each preset, with its own settings, and with one node
+//! at a time at the reference.
 
 mod json;
 mod measure;

@@ -1,4 +1,4 @@
-//! The HTML page of `report`.
+//! The HTML page of the subcommand `report`.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -38,7 +38,7 @@ pub fn page(bench: &Bench<'_>, metric: &Metric, measured: &Measured) -> Result<P
     plots(&mut page, bench, metric, measured);
     page.heading("Presets");
     let mut rows = Vec::new();
-    for (name, at) in PRESETS.iter().chain(&["as it is"]).zip(presets.iter().chain([&Some(now)])) {
+    for (name, at) in PRESETS.iter().chain(&["current settings"]).zip(presets.iter().chain([&Some(now)])) {
         let Some(at) = at else { continue };
         let point = &bench.points[*at];
         let mut row = vec![(*name).to_owned(), tick_text(point.work), tick_text(point.cpu_seconds)];
@@ -68,7 +68,7 @@ pub fn page(bench: &Bench<'_>, metric: &Metric, measured: &Measured) -> Result<P
     Ok(page)
 }
 
-/// Adds the most important values to the page.
+/// Adds the most important values to the top of the page.
 fn facts(page: &mut Page, bench: &Bench<'_>, metric: &Metric, now: usize, attributions: &[Attribution]) {
     let point = &bench.points[now];
     let worst = point.nodes.iter().flat_map(|node| &node.notes).map(|note| note.level).max();
@@ -116,7 +116,7 @@ fn pictures(page: &mut Page, bench: &Bench<'_>, measured: &Measured) -> Result<(
             let other = |of: Option<&Arc<Images>>| of.and_then(|images| images.view(&view.name)).cloned();
             let reference = other(reference.get(index).map(|(_, images)| images));
             let row = [
-                (Some(view.picture.clone()), "as it is"),
+                (Some(view.picture.clone()), "current settings"),
                 (reference, "reference"),
                 (other(map.map(|map| &map.maps)), "FLIP"),
             ];
@@ -158,7 +158,7 @@ fn plots(page: &mut Page, bench: &Bench<'_>, metric: &Metric, measured: &Measure
                 cost: t.cost,
                 error: t.error,
                 name: if *index == now && !is_preset(*index) {
-                    "as it is".to_owned()
+                    "current settings".to_owned()
                 } else {
                     bench.name(&t.assignment)
                 },
@@ -170,7 +170,7 @@ fn plots(page: &mut Page, bench: &Bench<'_>, metric: &Metric, measured: &Measure
         let svg = plot::svg(&dots, "work (rays)", &axis, |error| metric.shown(Some(error)), None);
         plots.extend(svg.map(|svg| (output, svg)));
     }
-    page.heading("Error over work");
+    page.heading("Error against work");
     page.plots(&plots);
 }
 
@@ -274,7 +274,7 @@ fn unmodelled(page: &mut Page, rows: &[LeftOut]) {
         };
         [row.what, &nodes, left_out, &row.found, row.check, row.force].map(str::to_owned).to_vec()
     };
-    let columns = ["work", "nodes", "here", "finding", "check", "forced by"];
+    let columns = ["work", "nodes", "in this run", "finding", "check", "forced by"];
     page.table(&columns, &rows.iter().map(reported).collect::<Vec<_>>());
 }
 

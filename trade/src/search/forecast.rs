@@ -1,12 +1,12 @@
-//! Forecasts of the combined effect of changes to several knobs, from the effect of each change alone.
+//! Forecasts the combined effect of changes to several knobs from the effect of each single change.
 
 use super::tried::Tried;
 
-/// Maximum number of combinations that are kept after the changes of each knob are added.
+/// Maximum number of combinations that are kept each time the changes of another knob have been added.
 const COMBINATIONS: usize = 2000;
 
-/// Effect of a change. Effects are combined by multiplying costs and adding the squares of errors, as if the errors
-/// had independent causes.
+/// Effect of a change on cost and error. Two effects are combined by multiplying the cost factors and adding the
+/// changes of the squared error, as if the errors had independent causes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Effect {
     cost: f64,
@@ -30,7 +30,7 @@ impl Effect {
         Self { cost: 1.0 / self.cost, square: -self.square }
     }
 
-    /// Returns the position `assignment`, with the cost and error that result from applying the effect to `from`.
+    /// Returns the position `assignment` with a forecast cost and error: those of `from`, changed by this effect.
     fn on(self, from: &Tried, assignment: Vec<usize>) -> Tried {
         let error = (from.error * from.error + self.square).max(0.0).sqrt();
         Tried { assignment, cost: from.cost * self.cost, error }
@@ -43,13 +43,14 @@ struct Turn {
     from: usize,
     to: usize,
     effect: Effect,
-    /// Length of the change, times one plus the number of other knobs in which the measurement differs from the
-    /// present position.
+    /// Distance between the two values, times one plus the number of other knobs that were set differently during
+    /// the measurement than at the present position.
     way: usize,
 }
 
 impl Turn {
-    /// The values that can be reached from a value by successive changes. Each value is reached by the shortest sequence of changes.
+    /// The values of a knob that can be reached from the value `at` by successive measured changes, each with the
+    /// combined effect of the changes. For each value, the sequence with the smallest sum of `way` is used.
     fn all_from(at: usize, turns: &[Self]) -> Vec<(usize, Effect)> {
         let mut known = vec![(at, Effect::NONE, 0)];
         let place = |known: &[(usize, Effect, usize)], value| known.iter().position(|(to, ..)| *to == value);
@@ -67,9 +68,9 @@ impl Turn {
     }
 }
 
-/// The values to which each knob can be changed from a position, with their effects; its present value comes first.
-/// The effects are those of measured changes of that knob alone. Short changes are preferred, and changes measured
-/// near this position.
+/// For each knob, the values to which it can be changed from the position `here`, with the effects of these
+/// changes. The present value of the knob comes first. The effects come from measured changes of that knob alone.
+/// Small changes, and changes measured near this position, are preferred.
 pub(super) fn effects(tried: &[Tried], here: &Tried) -> Vec<Vec<(usize, Effect)>> {
     let knobs = here.assignment.len();
     let mut turns: Vec<Vec<Turn>> = vec![Vec::new(); knobs];
@@ -89,8 +90,8 @@ pub(super) fn effects(tried: &[Tried], here: &Tried) -> Vec<Vec<(usize, Effect)>
     turns.iter().zip(&here.assignment).map(|(turns, &at)| Turn::all_from(at, turns)).collect()
 }
 
-/// The positions that result from combined changes at a position. Combinations that another one is forecast to beat
-/// in both cost and error are left out.
+/// The positions that can be reached from `here` by combining changes. A position is left out if another one is
+/// forecast to be better in both cost and error.
 pub(super) fn combinations(here: &Tried, effects: &[Vec<(usize, Effect)>]) -> Vec<Tried> {
     let mut front = vec![(Vec::new(), Effect::NONE)];
     for values in effects {

@@ -1,4 +1,5 @@
-//! The search for settings. Knobs are changed one at a time, and then several together, as a forecast suggests.
+//! The search for settings. Knobs are first changed one at a time. Then several are changed together, as a forecast
+//! suggests.
 
 mod forecast;
 mod tried;
@@ -10,9 +11,9 @@ pub use tried::{Goal, Tried, best, pareto};
 /// The result of a search.
 #[derive(Debug, PartialEq)]
 pub struct SearchResult {
-    /// All measured settings, in order.
+    /// All measured settings, in the order of measurement.
     pub tried: Vec<Tried>,
-    /// The index of the best setting for the goal.
+    /// The index of the best setting that reaches the goal.
     pub best: Option<usize>,
     /// True if the search finished; false if measuring ended first.
     pub finished: bool,
@@ -23,23 +24,25 @@ pub struct SearchResult {
 pub struct Steps {
     /// Number of values.
     pub values: usize,
-    /// Number of values per step.
+    /// Number of values by which the search moves in one step.
     pub step: usize,
-    /// True if values are ordered from the least work to the most; false for values without an order, such as
-    /// methods.
+    /// True if the values are sorted by increasing work; false if they have no order, such as methods.
     pub ordered: bool,
 }
 
-/// Searches from the given assignments. `knobs` contains the range of each knob. `measure` returns the cost and
-/// error of an assignment, or `None` to end the search; each assignment is measured only once.
+/// Searches for the best assignment, from the assignments in `starts`. `knobs` contains the range of each knob.
+/// `measure` returns the cost and error of an assignment, or `None` to end the search. Each assignment is measured
+/// only once.
 ///
-/// From the best start that reaches the goal, every knob is changed alone, by one step. From this, the effect of
-/// all combinations on cost and error is forecast, and the best combination is measured. The forecast is corrected
-/// by the measurement, and this is repeated a few times. When a better position is found, the whole procedure
-/// starts again from there. Changes that reduce the value to minimize are tried first, then changes that reduce the
-/// bounded value, then half steps. If the start spends cost on knobs with little effect, or on two knobs that help
-/// only together, the search may miss better positions. So it is repeated from the start that misses the goal by
-/// the least.
+/// The search begins with the best start that reaches the goal:
+/// 1. Every knob is changed alone, by one step.
+/// 2. From the results, the cost and error of all combinations of changes are forecast, and the best combination is
+///    measured. The measurement corrects the forecast, and this step is repeated a few times.
+/// 3. When a better position is found, the whole procedure starts again from there.
+///
+/// Changes that reduce the value to minimize are tried first, then changes that reduce the bounded value, then half
+/// steps. The search may miss better positions if the start spends cost on knobs with little effect, or on two
+/// knobs that help only together. So it is repeated from the start that misses the goal by the least.
 pub fn search(
     starts: &[Vec<usize>],
     knobs: &[Steps],
@@ -51,12 +54,12 @@ pub fn search(
     SearchResult { best: search.best(), tried: search.tried, finished }
 }
 
-/// Maximum number of forecasts that are followed from one position.
+/// Maximum number of forecasts that are measured one after another from one position.
 const FOLLOWED: usize = 5;
-/// Minimum saving, as a share of the cost or error, that a forecast must promise to be measured.
+/// Minimum saving that a forecast must promise before it is measured, as a share of the value to minimize.
 const GAIN: f64 = 0.01;
-/// Maximum number of positions from which the search continues although they miss the goal. Each is one change away
-/// from the best position.
+/// Maximum number of positions that miss the goal, but from which the search continues nevertheless. Each of them
+/// differs from the best position in one knob.
 const BEYOND: usize = 3;
 
 struct Search<'s, M> {
@@ -92,8 +95,8 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
         Some(())
     }
 
-    /// Measures the position with every knob at its minimum, and improves it if it reaches the goal. Called if no
-    /// known position does.
+    /// Measures the position with every ordered knob at its minimum, and improves it if it reaches the goal. Called
+    /// if no known position reaches the goal.
     fn least_of_all(&mut self) -> Option<()> {
         let Some(nearest) = self.nearest() else { return Some(()) };
         let mut least = self.tried[nearest].assignment.clone();
@@ -104,12 +107,13 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
         if self.tried[least].fits(self.goal) { self.improve(least) } else { Some(()) }
     }
 
-    /// The tried position that misses the goal by the least.
+    /// The measured position with the smallest bounded value, which misses the goal by the least.
     fn nearest(&self) -> Option<usize> {
         (0..self.tried.len()).reduce(|a, b| if self.bounded(b) < self.bounded(a) { b } else { a })
     }
 
-    /// The positions one change away from `from` that miss the goal, but reduce the value to minimize most.
+    /// The positions that miss the goal, differ from `from` in one knob, and have the smallest values to minimize.
+    /// The values are smaller than at the best position that reaches the goal.
     fn beyond(&self, from: usize) -> Vec<usize> {
         let here = &self.tried[from];
         let turned = |t: &Tried| t.assignment.iter().zip(&here.assignment).filter(|(a, b)| a != b).count();
@@ -125,13 +129,13 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
         self.tried[at].bounded(self.goal)
     }
 
-    /// True if the value to minimize is smaller at a position than at the best known position that reaches the
-    /// goal.
+    /// True if the value to minimize is smaller at the position `at` than at the best known position that reaches
+    /// the goal, or if no known position reaches the goal.
     fn saves(&self, at: usize) -> bool {
         self.best().is_none_or(|best| self.tried[at].paid(self.goal) < self.tried[best].paid(self.goal))
     }
 
-    /// Returns the index of an assignment among the tried ones; measures the assignment if it is new.
+    /// Measures an assignment, unless it was measured before. Returns its index in `tried`; `None` ends the search.
     fn measured(&mut self, assignment: &[usize]) -> Option<usize> {
         if let Some(known) = self.tried.iter().position(|t| t.assignment == assignment) {
             return Some(known);
@@ -145,7 +149,7 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
         best(&self.tried, self.goal)
     }
 
-    /// Moves to better positions until neither the forecast nor a change of one knob finds a better one.
+    /// Moves from position to position as long as a forecast or a change of one knob leads to a better position.
     fn improve(&mut self, mut from: usize) -> Option<()> {
         let mut stage = 0;
         while stage < if self.tried[from].fits(self.goal) { 5 } else { 2 } {
@@ -161,10 +165,10 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
         Some(())
     }
 
-    /// Changes each knob whose effect is unknown, one at a time; `stage` selects the direction, and whole or half
-    /// steps. From a position that reaches the goal, even stages reduce the value to minimize, and odd stages the
-    /// bounded value; the last stage changes even knobs whose effect is known. From any other position, all changes
-    /// go towards the goal.
+    /// Changes each knob whose effect is unknown, one at a time. `stage` selects the direction, and whole or half
+    /// steps. From a position that reaches the goal, even stages reduce the value to minimize, and odd stages
+    /// reduce the bounded value; the last stage also changes knobs whose effect is known. From any other position,
+    /// all changes reduce the bounded value.
     fn turn_each(&mut self, from: usize, stage: usize) -> Option<()> {
         let here = self.tried[from].clone();
         let fits = here.fits(self.goal);
@@ -183,9 +187,9 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
         Some(())
     }
 
-    /// Measures the position with the best forecast and continues from there until the forecast promises nothing
-    /// better. If neither the start nor any measured position reaches the goal, returns a position nearer to the
-    /// goal, if one is found.
+    /// Measures the position with the best forecast, and continues from there until no better position is forecast.
+    /// If neither `from` nor any position measured here reaches the goal, returns a position that is nearer to the
+    /// goal, if one is found. The outer `None` ends the search.
     fn follow(&mut self, from: usize) -> Option<Option<usize>> {
         let (before, mut at) = (self.best(), from);
         for _ in 0..FOLLOWED {
@@ -208,8 +212,9 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
         Some(next.filter(|&next| self.bounded(next) < self.bounded(from)))
     }
 
-    /// The unmeasured assignment with the best forecast. If `fitting` is true, it must reach the goal and be better
-    /// than all known positions; otherwise it must be nearer to the goal than `from`.
+    /// The unmeasured assignment with the best forecast. If `fitting` is true, the forecast must reach the goal and
+    /// be better than all known positions that reach it. Otherwise, the forecast must be nearer to the goal than
+    /// `from`.
     fn forecast(&self, from: usize, fitting: bool) -> Option<Vec<usize>> {
         let (here, goal) = (&self.tried[from], self.goal);
         let bar = self.best().map_or(f64::INFINITY, |best| (1.0 - GAIN) * self.tried[best].paid(goal));

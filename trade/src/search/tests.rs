@@ -2,8 +2,8 @@
 
 use super::*;
 
-/// A model in which each step of a knob doubles the knob's cost and halves its error. The errors of different knobs
-/// are independent.
+/// A model of cost and error. Each step of a knob doubles the cost of the knob and halves its error. The errors of
+/// different knobs are independent.
 fn model(weights: &'static [(f64, f64)]) -> impl FnMut(&[usize]) -> Option<(f64, f64)> {
     move |assignment| {
         let value = |(&at, &(cost, error)): (&usize, &(f64, f64))| {
@@ -94,7 +94,7 @@ fn the_start_that_misses_the_error_is_searched_from_as_well() {
     assert_eq!(tried[best.unwrap()].assignment, [0, 0, 3], "{tried:?}");
 }
 
-// No single change helps: the expensive knob must be lowered and the cheap one raised.
+// No single change helps: an expensive knob must be lowered and a cheap one raised at the same time.
 #[test]
 fn a_dear_knob_is_exchanged_for_a_cheap_one() {
     let measure = |assignment: &[usize]| {
@@ -115,8 +115,8 @@ fn a_cost_below_all_starts_is_gone_down_to() {
     assert!(best.cost <= 250.0 && best.error <= 1.2 * ideal.error, "{best:?} {ideal:?}");
 }
 
-// Only one knob affects the cost, and it takes more than one step to reach the goal; in another case all knobs must
-// be at their minimum.
+// Only one knob affects the cost, and it must be lowered by more than one step to reach the goal. In another case,
+// all knobs must be at their minimum.
 #[test]
 fn a_cost_below_the_cheapest_start_is_walked_down_to() {
     let measure = |assignment: &[usize]| {
@@ -137,7 +137,7 @@ fn a_cost_below_the_cheapest_start_is_walked_down_to() {
     assert!(best.is_some_and(|best| tried[best].assignment == [0, 0, 0]), "{tried:?}");
 }
 
-// A step spans two values. A change by a single value is tried if no whole step helps.
+// A step moves by two values. A move by one value is tried if no whole step helps.
 #[test]
 fn halves_of_steps_come_last() {
     let measure = |assignment: &[usize]| Some((assignment[0] as f64, 8.0 - assignment[0] as f64));

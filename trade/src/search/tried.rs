@@ -1,9 +1,9 @@
-//! Tried positions, and the order in which they fulfil a goal.
+//! Measured positions, and their order with respect to a goal.
 
 /// The goal of a search.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Goal {
-    /// Minimize the work, with at most this error.
+    /// Minimize the cost, with at most this error.
     Error(f64),
     /// Minimize the error, with at most this cost.
     Cost(f64),
@@ -12,7 +12,7 @@ pub enum Goal {
 /// An assignment with its measured cost and error.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tried {
-    /// Index of the value of each knob.
+    /// For each knob, the index of its value.
     pub assignment: Vec<usize>,
     /// Measured cost, in the unit of the goal.
     pub cost: f64,
@@ -21,12 +21,12 @@ pub struct Tried {
 }
 
 impl Tried {
-    /// The value that the goal bounds.
+    /// The value that the goal bounds: error or cost.
     pub(super) fn bounded(&self, goal: Goal) -> f64 {
         if matches!(goal, Goal::Error(_)) { self.error } else { self.cost }
     }
 
-    /// The value to minimize.
+    /// The value that the search minimizes: cost or error.
     pub(super) fn paid(&self, goal: Goal) -> f64 {
         if matches!(goal, Goal::Error(_)) { self.cost } else { self.error }
     }
@@ -36,15 +36,15 @@ impl Tried {
         self.bounded(goal) <= most
     }
 
-    /// True if this position is better than another one. Both must reach the goal.
+    /// True if this position is better than `other`. Both must reach the goal.
     pub(super) fn beats(&self, other: &Self, goal: Goal) -> bool {
         let key = |t: &Self| [t.paid(goal), t.bounded(goal)];
         key(self) < key(other)
     }
 }
 
-/// The indices of the positions that no other position beats in both cost and error, sorted by cost. Of equal
-/// positions, only the first is listed.
+/// The indices of the positions that no other position beats in both cost and error, sorted by cost. If several
+/// positions are equal, only the first is listed.
 pub fn pareto(tried: &[Tried]) -> Vec<usize> {
     let mut by_cost: Vec<usize> = (0..tried.len()).collect();
     by_cost.sort_by(|&a, &b| {
@@ -63,7 +63,7 @@ pub fn pareto(tried: &[Tried]) -> Vec<usize> {
     by_cost
 }
 
-/// The index of the best of the positions that reach a goal; of equally good ones, the first.
+/// The index of the best position that reaches the goal. If several are equally good, the first of them.
 pub fn best(tried: &[Tried], goal: Goal) -> Option<usize> {
     let fitting = (0..tried.len()).filter(|&at| tried[at].fits(goal));
     fitting.reduce(|a, b| if tried[b].beats(&tried[a], goal) { b } else { a })

@@ -1,4 +1,4 @@
-//! Attention between all tokens, computed for one block of queries at a time.
+//! Attention between all tokens. It is computed for one block of queries at a time.
 
 use candle_core::{D, Tensor};
 
@@ -6,8 +6,8 @@ use super::error::Result;
 use super::norm::wide;
 use super::watch::Watch;
 
-/// Maximum number of scores in memory at once, over all heads: 134 MB in f32. All scores of a picture of 1440 x 720
-/// would take 7 GB.
+/// Maximum number of attention scores in memory at once, summed over all heads: 134 MB in f32. For a picture of
+/// 1440 x 720, all scores together would take 7 GB.
 pub const MAX_SCORES: usize = 1 << 25;
 
 /// Attention of the queries `q` to the keys `k` and values `v`, each of shape heads x tokens x head, where head is

@@ -1,8 +1,8 @@
 //! Gradients of the low-rank updates of the blocks, computed one block at a time.
 //!
-//! The forward pass keeps only the input of each block, and the backward pass computes each block again. So at any
-//! time, memory is needed only for the intermediate values of one block and for the gradients of its frozen
-//! weights, which the tensor library always computes. For the whole model those gradients would take 48 GB.
+//! The forward pass keeps only the input of each block, and the backward pass computes each block again. So memory
+//! is needed only for the intermediate values of one block at a time, and for the gradients of the frozen weights
+//! of that block, which the tensor library always computes. For the whole model, these gradients would take 48 GB.
 
 use std::collections::HashMap;
 
@@ -31,8 +31,8 @@ pub struct Given<'a> {
 }
 
 impl Transformer {
-    /// Returns the loss, a single number that `loss` computes from the velocity, and its gradients with respect to
-    /// `vars`. All `vars` must belong to updates of layers in blocks.
+    /// Returns the loss and its gradients with respect to `vars`. `loss` computes the loss, a single number, from
+    /// the predicted velocity. All `vars` must belong to updates of layers in blocks.
     pub fn gradients(
         &self,
         given: &Given<'_>,
@@ -86,7 +86,8 @@ impl Transformer {
     }
 }
 
-/// Computes the gradients of the inputs of a block. `outputs` contains each output of the block with its gradient.
+/// Computes the gradients with respect to the inputs and variables of a block. `outputs` contains each output of
+/// the block with the gradient with respect to it.
 fn back(outputs: &[(&Tensor, &Tensor)]) -> Result<GradStore> {
     let mut sum = Tensor::zeros((), outputs[0].0.dtype(), outputs[0].0.device())?;
     for (output, gradient) in outputs {
@@ -112,7 +113,7 @@ impl Found<'_> {
         Ok(())
     }
 
-    /// The gradient of an input of a block; zeros if the block does not read this input.
+    /// The gradient with respect to an input of a block; zeros if the block does not read this input.
     fn gradient(&self, input: &Var, grads: &GradStore) -> Result<Tensor> {
         Ok(match grads.get(input) {
             Some(gradient) => gradient.detach(),

@@ -1,4 +1,4 @@
-//! The sizes of the transformer, derived from its file.
+//! The sizes of the transformer, derived from its weights file.
 
 use std::path::Path;
 
@@ -11,21 +11,22 @@ use super::source::Source;
 /// The sizes of a transformer.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Config {
-    /// Number of channels of a token within the network.
+    /// Number of channels of a token inside the blocks.
     pub hidden: usize,
-    /// Number of heads of attention; each has `hidden / heads` channels.
+    /// Number of attention heads. Each head has `hidden / heads` channels.
     pub heads: usize,
     /// Width of the hidden layer of each perceptron.
     pub mlp: usize,
-    /// Number of channels of a token of the picture, which represents four latent pixels.
+    /// Number of channels of a picture token. A token represents four latent pixels.
     pub in_channels: usize,
-    /// Number of channels of a token of text.
+    /// Number of channels of a text token.
     pub context: usize,
     /// Length of the vector that represents the text as a whole.
     pub pooled: usize,
     /// Length of the embedding of a noise level.
     pub time: usize,
-    /// Numbers of channels of a head that encode the frame, the row and the column of a token; all even.
+    /// Number of channels of a head that encode the frame, the row and the column of a token, respectively. All
+    /// three are even.
     pub axes: [usize; 3],
     /// True if the strength of guidance is an input of the network.
     pub guidance: bool,
@@ -49,7 +50,7 @@ struct File {
     pooled_projection_dim: usize,
 }
 
-/// Maximum number of blocks of each kind that are counted.
+/// Maximum number of blocks of each kind that are looked for in a file.
 const MAX_BLOCKS: usize = 1000;
 
 impl Config {
@@ -75,10 +76,10 @@ impl Config {
         self.hidden / self.heads
     }
 
-    /// Derives the layout and the sizes from the shapes in the headers. The headers do not contain
-    /// [`axes`](Self::axes), which are read from the `config.json` next to the file; it must agree with the
-    /// headers. Without a `config.json`, the axes of the published model are used, which fit only heads of its
-    /// length.
+    /// Derives the layout and the sizes from the shapes in the headers. Only [`axes`](Self::axes) are not in the
+    /// headers: they are read from the `config.json` next to the file, which must agree with the headers. Without a
+    /// `config.json`, the axes of the published model are used, which are possible only if the heads are as long as
+    /// in that model.
     pub fn of(source: &Source) -> Result<(Layout, Self)> {
         let layout = ["", "model.diffusion_model."]
             .into_iter()
@@ -113,7 +114,7 @@ impl Config {
             Some(&[head]) if head > 0 && hidden % head == 0 => head,
             Some(shape) => {
                 return Err(source.wrong(format!(
-                    "`{norm}` has shape {shape:?}; it must have one dimension that divides the width, {hidden}"
+                    "`{norm}` has shape {shape:?}; it must have a single axis, whose length divides {hidden}, the width of the model"
                 )));
             }
             None => return Err(source.wrong(format!("`{norm}` is missing"))),
@@ -139,7 +140,7 @@ impl Config {
             || config.axes.iter().any(|axis| axis % 2 != 0)
         {
             return Err(source.wrong(format!(
-                "its heads have {head} channels, which do not match the axes {:?}; put the `config.json` of the model, which lists the axes, next to the file",
+                "its attention heads have {head} channels, but the axes {:?} require another number; put the `config.json` of the model, which lists the right axes, next to the file",
                 config.axes
             )));
         }
@@ -152,15 +153,15 @@ impl Config {
             return Err(Error::file(
                 file,
                 format!(
-                    "its tokens have {channels} channels and its time embeddings have {time}; these numbers must be multiples of 4 and of 2"
+                    "its tokens have {channels} channels, which must be a multiple of 4, and its time embeddings have {time} channels, which must be a multiple of 2"
                 ),
             ));
         }
         Ok(())
     }
 
-    /// The axes in the `config.json` next to `file`; `None` if there is no `config.json` or it does not describe a
-    /// transformer.
+    /// Reads the axes from the `config.json` next to `file`. Returns `None` if there is no `config.json`, or if it
+    /// does not describe a transformer.
     fn beside(&self, file: &Path) -> Result<Option<[usize; 3]>> {
         let path = file.with_file_name("config.json");
         let Ok(text) = std::fs::read(&path) else { return Ok(None) };
@@ -177,8 +178,10 @@ impl Config {
             ..self.clone()
         };
         if said != *self {
-            let what =
-                format!("it describes {said:?}, but `{}` next to it contains {self:?}", file.display());
+            let what = format!(
+                "it does not match `{}`, which is next to it: it describes {said:?}, but the file contains {self:?}",
+                file.display()
+            );
             return Err(Error::file(&path, what));
         }
         Ok(Some(json.axes_dims_rope))

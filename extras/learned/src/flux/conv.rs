@@ -1,21 +1,21 @@
-//! Convolutions over pictures that may wrap around.
+//! Convolutions over pictures whose left and right edges may be neighbours.
 
 use candle_core::Tensor;
 
 use super::error::Result;
 use super::watch::Watch;
 
-/// Padding beyond the left and right edges.
+/// Values with which a picture is padded beyond its left and right edges.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Edge {
     /// Zeros.
     Zeros,
-    /// The pixels at the opposite edge, since a panorama wraps around.
+    /// The pixels at the opposite edge, as required for a panorama.
     Wraps,
 }
 
-/// Maximum number of elements of the matrix to which a convolution is unrolled: 268 MB in f32. Without this limit,
-/// the decoder of the published model would need 4.8 GB for a picture of 1440 x 720.
+/// Maximum number of elements of the matrix into which a convolution unrolls its input: 268 MB in f32. Without this
+/// limit, the decoder of the published model would need 4.8 GB for a picture of 1440 x 720.
 pub(crate) const MAX_UNROLLED: usize = 1 << 26;
 
 /// A convolution with a kernel of 1 x 1 or 3 x 3.
@@ -27,14 +27,15 @@ pub struct Conv {
 }
 
 impl Conv {
-    /// Creates a convolution. `weight` is outputs x inputs x size x size, `bias` has one number per output.
+    /// Creates a convolution. `weight` has the shape outputs x inputs x size x size; `bias` has one number per
+    /// output.
     pub fn new(weight: Tensor, bias: Tensor, stride: usize) -> Result<Self> {
         let outputs = bias.elem_count();
         Ok(Self { weight, bias: bias.reshape((outputs, 1, 1))?, stride })
     }
 
-    /// Convolves `x`, channels x height x width. A kernel of 3 x 3 reads one pixel beyond each edge; at a stride of
-    /// 2, it does so only at the right and bottom edges.
+    /// Convolves `x`, whose shape is channels x height x width. At a stride of 1, a 3 x 3 kernel reads one pixel
+    /// beyond each edge; at a stride of 2, one pixel beyond the right and bottom edges only.
     pub fn forward(&self, x: &Tensor, edge: Edge, watch: &mut dyn Watch) -> Result<Tensor> {
         let size = self.weight.dim(3)?;
         let before = if size == 3 && self.stride == 1 { 1 } else { 0 };

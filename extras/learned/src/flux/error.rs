@@ -2,10 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-/// Errors of the diffusion backend. Messages name the file and suggest a remedy where there is one.
+/// Errors of the diffusion backend. Messages name the file and, where possible, suggest a remedy.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// A file cannot be read, is damaged, or has another format.
+    /// A file cannot be read, is damaged, or does not have the expected format.
     #[error("`{}`: {what}", file.display())]
     File {
         /// The file.
@@ -19,7 +19,7 @@ pub enum Error {
     /// [`Watch::check`](super::Watch::check) requested to stop.
     #[error("stopped")]
     Stopped,
-    /// The tensor library failed, for instance out of memory on a GPU.
+    /// The tensor library failed, for example because the GPU is out of memory.
     #[error("the tensor library failed: {0}")]
     Tensor(#[from] candle_core::Error),
 }

@@ -11,12 +11,12 @@ use candle_core::quantized::GgmlDType;
 use super::error::{Error, Result};
 use super::source::{Entry, Format};
 
-/// Maximum length of a name or text. The format limits names of tensors to 64 bytes.
+/// Maximum length of a name or text in bytes. The format limits tensor names to 64 bytes.
 const MAX_TEXT: u64 = 1 << 20;
-/// Maximum number of tensors, and of metadata values; the published model has 780 tensors.
+/// Maximum number of tensors, and maximum number of metadata values. The published model has 780 tensors.
 const MAX_TENSORS: u64 = 1 << 20;
 
-/// Reads the entries of all tensors of the file, which must be open at its start.
+/// Reads the entries of all tensors from the header. `file` must be positioned at its start.
 pub(crate) fn header(file: &mut File, path: &Path, index: usize) -> Result<BTreeMap<String, Entry>> {
     let length = file.metadata().map_err(Error::io(path))?.len();
     let mut header = Header { file: BufReader::new(file), path };
@@ -89,9 +89,8 @@ impl Header<'_> {
     fn text(&mut self) -> Result<String> {
         let length = self.u64()?;
         if length > MAX_TEXT {
-            return Err(self.wrong(format!(
-                "a text claims to have {length} bytes, more than the maximum of {MAX_TEXT}"
-            )));
+            return Err(self
+                .wrong(format!("a text claims to be {length} bytes long; the maximum is {MAX_TEXT} bytes")));
         }
         let mut bytes = vec![0; length as usize];
         self.file.read_exact(&mut bytes).map_err(|_| self.wrong("it is truncated".to_owned()))?;
@@ -131,7 +130,7 @@ impl Header<'_> {
         }
     }
 
-    /// Reads one entry. Its start is relative to the start of the tensor data.
+    /// Reads one entry. The start of the entry is relative to the start of the tensor data.
     fn tensor(&mut self, name: &str, file: usize) -> Result<Entry> {
         let axes = self.u32()?;
         if !(1..=4).contains(&axes) {
@@ -170,7 +169,7 @@ fn width(kind: u32) -> Option<u64> {
     }
 }
 
-/// The format of a type code, with the number of weights and of bytes per block.
+/// The format with this type code, and the number of weights and the number of bytes of each of its blocks.
 fn format(code: u32) -> Option<(Format, usize, usize)> {
     let plain = |dtype: DType| (Format::Plain(dtype), 1, dtype.size_in_bytes());
     let blocks = |dtype: GgmlDType| (Format::Blocks(dtype), dtype.block_size(), dtype.type_size());

@@ -1,5 +1,5 @@
-//! Editing of a picture. The picture is encoded to latents; noise is turned step by step into new latents,
-//! conditioned on those of the picture; and the result is decoded.
+//! Editing of a picture. First, the picture is encoded to latents. Then noise is turned step by step into new
+//! latents, with the latents of the picture as a condition. Finally, the new latents are decoded.
 
 use std::path::PathBuf;
 
@@ -21,10 +21,10 @@ use super::watch::Watch;
 /// The files of a model.
 #[derive(Debug, Clone)]
 pub struct Files {
-    /// The transformer: a GGUF file, a safetensors file with the names of the authors or of `diffusers`, or the
-    /// first shard of such a file.
+    /// The transformer: a GGUF file, or a safetensors file with the tensor names of the model's authors or of
+    /// `diffusers`. If a safetensors file is split into shards, the first shard.
     pub transformer: PathBuf,
-    /// The autoencoder, safetensors.
+    /// The autoencoder, a safetensors file.
     pub vae: PathBuf,
     /// The encoded prompt; see [`Prompt::read`].
     pub prompt: PathBuf,
@@ -41,9 +41,10 @@ pub struct Settings {
     pub guidance: f32,
     /// Seed of the noise.
     pub seed: u64,
-    /// True if the left and right edges are neighbours. Convolutions then wrap around. Every step is computed
-    /// twice, once on the picture rotated by half a turn, because attention treats the edges as far apart; each
-    /// half of the picture is taken from the pass in which it is in the middle.
+    /// True if the left and right edges of the picture are neighbours. Convolutions then wrap around. Attention
+    /// still treats the edges as far apart, so every step is computed twice: once on the picture, and once on the
+    /// picture rotated by half a turn. Each part of the result comes from the pass in which it is closer to the
+    /// middle, with a smooth transition.
     pub seamless: bool,
 }
 
@@ -61,7 +62,7 @@ pub struct Kontext {
 }
 
 impl Kontext {
-    /// Loads all files. `dtype` is the type of the computation in the transformer.
+    /// Loads all files. `dtype` is the type in which the transformer computes.
     pub fn load(files: &Files, device: &Device, dtype: DType) -> Result<Self> {
         // Small files are read first, so that errors in them are reported before 24 GB are read.
         let source = Source::open(&files.transformer)?;
@@ -90,16 +91,16 @@ impl Kontext {
         Ok(Self { transformer, vae, prompt })
     }
 
-    /// The noise from which the edit of a picture of this size starts. Each pair of `seed` and `stream` gives
+    /// The noise from which the edit of a picture of this size starts. Different pairs of `seed` and `stream` give
     /// different noise.
     pub fn noise(&self, width: usize, height: usize, seed: u64, stream: u64) -> Result<Tensor> {
         let shape = (self.vae.config().latents, height / 8, width / 8);
         normals(seed, stream, shape, self.transformer.device())
     }
 
-    /// Edits a picture. Returns a picture of the same size, with values from 0 to 1. `picture` is 3 x height x
-    /// width in 0..1, display-encoded. Both sizes are multiples of 16; the width of a seamless picture is a
-    /// multiple of 32. `noise` comes from [`Kontext::noise`].
+    /// Edits a picture. Returns a picture of the same size, with values from 0 to 1. `picture` has the shape 3 x
+    /// height x width and display-encoded values from 0 to 1. Width and height must be multiples of 16; the width
+    /// of a seamless picture must be a multiple of 32. `noise` comes from [`Kontext::noise`].
     pub fn edit(
         &self,
         picture: &Tensor,
@@ -140,7 +141,7 @@ impl Kontext {
     }
 
     /// Turns noise into the latents of an edited picture. `condition` contains the latents of the original picture.
-    /// All latents are channels x height x width.
+    /// All latents have the shape channels x height x width.
     pub fn denoise(
         &self,
         condition: &Tensor,
@@ -177,7 +178,7 @@ impl Kontext {
         unpack(&tokens, rows, columns)
     }
 
-    /// A series of `passes` pictures, each darker than the one before and made from it.
+    /// Makes a series of `passes` pictures. Each picture is an edit of the picture before it, and darker.
     pub fn darker(
         &self,
         picture: &Tensor,
@@ -199,8 +200,8 @@ impl Kontext {
     }
 }
 
-/// Observer of a part of a computation. Maps the progress of the part to the range from `from` to `to` of the
-/// whole.
+/// Observer of one part of a computation. Maps the progress of the part, from 0 to 1, to the range from `from` to
+/// `to` of the whole computation.
 struct Span<'a> {
     watch: &'a mut dyn Watch,
     from: f64,
@@ -221,8 +222,9 @@ impl Watch for Span<'_> {
     }
 }
 
-/// Weights of tokens, tokens x 1. They are 1 in the middle half of the columns and 0 in the outer quarters, with
-/// ramps of an eighth of the columns between. The weights of two tokens half a turn apart add up to 1.
+/// Weights of tokens, with the shape tokens x 1. They are 1 in the middle columns and 0 at the outer columns, with
+/// ramps between. The ramps are an eighth of the width wide and centred a quarter of the width from the edges. The
+/// weights of two tokens that are half a turn apart add up to 1.
 fn middle(rows: usize, columns: usize, device: &Device) -> Result<Tensor> {
     let share = |column: usize| {
         let from_edge = column.min(columns - 1 - column) as f64 + 0.5;

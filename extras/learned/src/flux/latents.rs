@@ -1,30 +1,31 @@
-//! Conversion between latent pixels and tokens: a token is a square of two by two latent pixels.
+//! Conversion between latent pixels and tokens. A token is a square of two by two latent pixels.
 
 use candle_core::Tensor;
 
 use super::error::{Error, Result};
 
-/// Converts channels x height x width to (height/2 * width/2) x (4 * channels). Height and width must be even.
+/// Converts latents of shape channels x height x width to tokens of shape (height/2 * width/2) x (4 * channels).
+/// Height and width must be even.
 pub fn pack(latents: &Tensor) -> Result<Tensor> {
     let (channels, height, width) = latents.dims3()?;
     if height % 2 != 0 || width % 2 != 0 {
         return Err(Error::Mismatch(format!(
-            "latents of {width} x {height} pixels: both sides must be even"
+            "latents of {width} x {height} pixels cannot be converted to tokens: width and height must be even"
         )));
     }
     let squares = latents.reshape((channels, height / 2, 2, width / 2, 2))?.permute((1, 3, 0, 2, 4))?;
     Ok(squares.reshape((height / 2 * (width / 2), 4 * channels))?)
 }
 
-/// The inverse of [`pack`] for `rows` x `columns` tokens.
+/// Converts `rows` x `columns` tokens back to latents; the inverse of [`pack`].
 pub fn unpack(tokens: &Tensor, rows: usize, columns: usize) -> Result<Tensor> {
     let channels = tokens.dim(1)? / 4;
     let squares = tokens.reshape((rows, columns, channels, 2, 2))?.permute((2, 0, 3, 1, 4))?;
     Ok(squares.reshape((channels, rows * 2, columns * 2))?)
 }
 
-/// Rotates a panorama of `rows` x `columns` tokens by half a turn. Doing so twice is the identity. `columns` is
-/// even.
+/// Rotates a panorama of `rows` x `columns` tokens by half a turn. Two such rotations give the original again.
+/// `columns` must be even.
 pub fn half_turned(tokens: &Tensor, rows: usize, columns: usize) -> Result<Tensor> {
     let (count, length) = tokens.dims2()?;
     let half = columns / 2;

@@ -1,22 +1,23 @@
-//! Linear layers, whose weights stay in memory in the type of the file, and their low-rank updates.
+//! Linear layers and their low-rank updates. The weights stay in memory in the type that they have in the file.
 
 use candle_core::quantized::QTensor;
 use candle_core::{DType, Tensor};
 
 use super::error::{Error, Result};
 
-/// The weights of a layer, in the type of the file. They are converted to the type of the computation for each use,
-/// which costs little compared with the product. Unlike products of quantised numbers, the conversion is exact.
+/// The weights of a layer, in the type that they have in the file. They are converted to the type of the
+/// computation for each use, which costs little compared with the matrix product. The conversion is exact, unlike a
+/// product that is computed with quantised numbers.
 #[derive(Debug)]
 pub enum Matrix {
     /// Plain numbers.
     Plain(Tensor),
-    /// Quantised numbers.
+    /// Numbers quantised in blocks.
     Blocks(QTensor),
 }
 
 impl Matrix {
-    /// Rows and columns.
+    /// The number of rows and the number of columns.
     fn size(&self) -> Result<(usize, usize)> {
         Ok(match self {
             Self::Plain(tensor) => tensor.dims2()?,
@@ -37,22 +38,22 @@ impl Matrix {
     }
 }
 
-/// A low-rank update of some rows of a layer, to which `scale * up * down` is added.
+/// A low-rank update: `scale * up * down` is added to some rows of a layer's weights.
 #[derive(Debug, Clone)]
 pub struct Update {
     /// Index of the first row that the update changes.
     pub start: usize,
-    /// The matrix `down`: rank x columns, f32.
+    /// The matrix `down`, in f32, of shape rank x columns.
     pub down: Tensor,
-    /// The matrix `up`: rows x rank, f32.
+    /// The matrix `up`, in f32, of shape rows x rank.
     pub up: Tensor,
     /// Scale of the update: `strength * alpha / rank`.
     pub scale: f64,
 }
 
-/// A linear layer and its low-rank updates. Updates are applied separately and not merged into the weights. This
-/// costs `rank / width` more work, but is not rounded to the type of the weights, and works in the same way for
-/// quantised weights and in training.
+/// A linear layer and its low-rank updates. The updates are applied separately and are not merged into the weights.
+/// This costs `rank / width` more work. In return, the updates are not rounded to the type of the weights, and
+/// quantised weights and training need no special case.
 #[derive(Debug)]
 pub struct Linear {
     name: String,
@@ -62,7 +63,7 @@ pub struct Linear {
 }
 
 impl Linear {
-    /// Creates a layer. `weight` is rows x columns; `bias` has one number per row, in f32.
+    /// Creates a layer. `weight` has the shape rows x columns; `bias` has one number per row, in f32.
     pub fn new(name: &str, weight: Matrix, bias: Tensor) -> Self {
         Self { name: name.to_owned(), weight, bias, updates: Vec::new() }
     }
@@ -79,14 +80,15 @@ impl Linear {
         if update.start + up > rows || rank != down_rank || down != columns {
             let name = &self.name;
             return Err(Error::Mismatch(format!(
-                "an update of {up} x {rank} by {down_rank} x {down} does not fit `{name}` of {rows} x {columns}"
+                "an update with matrices of {up} x {rank} and {down_rank} x {down} does not fit the layer `{name}`, which has {rows} x {columns} weights"
             )));
         }
         self.updates.push(update);
         Ok(())
     }
 
-    /// Applies the layer to `x`, tokens x columns. The result is tokens x rows, in the type of `x`.
+    /// Applies the layer to `x`, which has the shape tokens x columns. The result has the shape tokens x rows and
+    /// the type of `x`.
     pub fn forward(&self, x: &Tensor) -> Result<Tensor> {
         let dtype = x.dtype();
         let y = x.matmul(&self.weight.widened(dtype)?.t()?)?;

@@ -9,26 +9,26 @@ use super::linear::{Linear, Matrix};
 use super::names::Layout;
 use super::source::{Format, Source, Stored};
 
-/// Statistics of a network for estimating its memory.
+/// Sizes of a network, from which its memory is estimated.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Tally {
-    /// Number of tensors read.
+    /// Number of tensors that were read.
     pub tensors: u64,
     /// Number of weights in these tensors.
     pub weights: u64,
-    /// Bytes that stay in memory after loading.
+    /// Number of bytes that stay in memory after loading.
     pub resident: u64,
     /// Number of weights in the largest matrix, which is converted to the type of the computation while it is used.
     pub largest: u64,
 }
 
-/// Passes the tensors of a [`Source`] to a network, which requests them by the names of its parts. Tensors that are
-/// missing, have a wrong shape or are never requested are reported by [`finish`](Self::finish).
+/// Supplies the tensors of a [`Source`] to a network, which requests them by the names of its parts.
+/// [`finish`](Self::finish) reports tensors that are missing, have a wrong shape or were never requested.
 pub struct Loader<'a> {
     source: &'a Source,
     layout: Layout,
     device: &'a Device,
-    /// True if tensors are only checked and counted, and no data are read.
+    /// True if tensors are only checked and counted, without reading their data.
     survey: bool,
     asked: BTreeSet<String>,
     wrong: Vec<String>,
@@ -48,8 +48,8 @@ impl<'a> Loader<'a> {
         Self { survey: true, ..Self::new(source, layout, &Device::Cpu) }
     }
 
-    /// Loads a linear layer from the tensors `module.weight`, `rows` x `columns`, and `module.bias`, `rows`
-    /// numbers.
+    /// Loads a linear layer from two tensors: `module.weight`, of shape `rows` x `columns`, and `module.bias`, with
+    /// `rows` numbers.
     pub fn linear(&mut self, module: &str, rows: usize, columns: usize) -> Result<Linear> {
         let pieces = self.layout.pieces(module);
         let keys = |ending: &str| -> Vec<String> {
@@ -65,13 +65,13 @@ impl<'a> Loader<'a> {
         Ok(Linear::new(module, weight, bias))
     }
 
-    /// Reads the vector of scales of a norm, in f32.
+    /// Reads the scales of a norm, a vector of `length` numbers, in f32.
     pub fn scale(&mut self, module: &str, length: usize) -> Result<Tensor> {
         let key = self.layout.scale(module);
         self.rows(&[key], length, None)?.to_f32()
     }
 
-    /// Reads a tensor of exactly this shape, in f32, by its name in the file.
+    /// Reads the tensor with the name `key` in the file, in f32. Its shape must be `shape`.
     pub fn tensor(&mut self, key: &str, shape: &[usize]) -> Result<Tensor> {
         if self.wants(key, |there| there == shape) && !self.survey {
             self.source.read_f32(key, self.device)
@@ -102,8 +102,8 @@ impl<'a> Loader<'a> {
         Ok(Matrix::Plain(if parts.len() == 1 { parts.remove(0) } else { Tensor::cat(&parts, 0)? }))
     }
 
-    /// Returns true if a tensor with that name and a fitting shape exists; otherwise records the problem. An
-    /// existing tensor is counted.
+    /// Returns true and counts the tensor if a tensor with this name and a fitting shape exists. Otherwise records
+    /// the problem.
     fn wants(&mut self, key: &str, fits: impl Fn(&[usize]) -> bool) -> bool {
         self.asked.insert(key.to_owned());
         let Some(entry) = self.source.entries().get(key) else {
@@ -112,7 +112,7 @@ impl<'a> Loader<'a> {
         };
         let fit = fits(&entry.shape);
         if !fit {
-            self.wrong.push(format!("`{key}` has shape {:?}", entry.shape));
+            self.wrong.push(format!("`{key}` has the wrong shape {:?}", entry.shape));
         }
         let weights = entry.shape.iter().map(|n| *n as u64).product();
         self.tally.tensors += 1;
@@ -124,20 +124,19 @@ impl<'a> Loader<'a> {
         fit
     }
 
-    /// Ends loading. If tensors are missing, have a wrong shape or were not requested, returns an error that names
-    /// them.
+    /// Ends loading. Returns an error if tensors are missing, have a wrong shape or were never requested; the error
+    /// names them.
     pub fn finish(self) -> Result<Tally> {
         if !self.wrong.is_empty() {
             let shown = self.wrong.iter().take(6).cloned().collect::<Vec<_>>().join("; ");
-            let what = format!("{} of its tensors do not fit this model: {shown}", self.wrong.len());
+            let what = format!("its tensors do not fit this model (problems: {}): {shown}", self.wrong.len());
             return Err(self.source.wrong(what));
         }
         let left: Vec<&String> =
             self.source.entries().keys().filter(|key| !self.asked.contains(*key)).collect();
         if !left.is_empty() {
             let what = format!(
-                "{} of its tensors belong to no part of this model: {}. Supply a file that contains only this part",
-                left.len(),
+                "it contains tensors that belong to no part of this model: {}. Supply a file that contains only this part",
                 some_of(&left)
             );
             return Err(self.source.wrong(what));
@@ -146,12 +145,12 @@ impl<'a> Loader<'a> {
     }
 }
 
-/// A tensor of zeros that takes no memory.
+/// A tensor of zeros with this shape that takes almost no memory.
 fn nothing(shape: &[usize]) -> Result<Tensor> {
     Ok(Tensor::zeros(1, DType::F32, &Device::Cpu)?.broadcast_as(shape)?)
 }
 
-/// Swaps the two halves of the rows.
+/// Swaps the first half of the rows of a tensor with the second half.
 pub(crate) fn swapped(tensor: &Tensor) -> Result<Tensor> {
     let half = tensor.dim(0)? / 2;
     Ok(Tensor::cat(&[tensor.narrow(0, half, half)?, tensor.narrow(0, 0, half)?], 0)?)

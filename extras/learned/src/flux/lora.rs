@@ -1,4 +1,4 @@
-//! LoRA files: low-rank updates of the transformer (Hu et al. 2022), `alpha / rank * up * down`.
+//! LoRA files. They contain low-rank updates of the transformer, `alpha / rank * up * down` (Hu et al. 2022).
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -18,7 +18,7 @@ pub struct Lora {
     updates: BTreeMap<String, Vec<Update>>,
 }
 
-/// The layer that the update of a module changes, and the rows of this layer.
+/// The layer that a module's LoRA update changes, and the range of rows that it changes.
 #[derive(Clone)]
 struct Target {
     module: String,
@@ -28,7 +28,7 @@ struct Target {
     swapped: bool,
 }
 
-/// The names of the tensors of one module in a file.
+/// The names in a LoRA file of the tensors that belong to one module.
 #[derive(Default)]
 struct Found {
     down: Option<String>,
@@ -36,16 +36,16 @@ struct Found {
     alpha: Option<String>,
 }
 
-/// Prefixes of module names in the files of `diffusers`, peft, kohya and other trainers.
+/// Prefixes of module names in files of `diffusers`, peft, kohya and other trainers.
 const PREFIXES: [&str; 5] =
     ["transformer.", "base_model.model.", "diffusion_model.", "lora_unet_", "lora_transformer_"];
 
 impl Lora {
-    /// Reads a file in the layout of `diffusers` and peft (`transformer.<module>.lora_A.weight`), of kohya
-    /// (`lora_unet_<module>.lora_down.weight`), or with the authors' names in either spelling. A key that belongs
-    /// to no layer of the model is an error, because its update would silently have no effect. The value of alpha
-    /// is the tensor `<module>.alpha` if it exists, else `lora_alpha` in the header, else the rank, which gives a
-    /// scale of 1.
+    /// Reads a LoRA file in one of these layouts: `diffusers` and peft (`transformer.<module>.lora_A.weight`),
+    /// kohya (`lora_unet_<module>.lora_down.weight`), or the names of the model's authors with either of these
+    /// endings. A key that belongs to no layer of the model is an error, because its update would silently have no
+    /// effect. The value of alpha is the tensor `<module>.alpha` if it exists, else `lora_alpha` in the header,
+    /// else the rank, which gives a scale of 1.
     pub fn read(path: &Path, config: &Config, device: &Device) -> Result<Self> {
         let source = Source::open(path)?;
         let targets = targets(config);
@@ -68,8 +68,7 @@ impl Lora {
         }
         if !unknown.is_empty() {
             return Err(source.wrong(format!(
-                "{} of its tensors change no layer of this model: {}. Is it a LoRA for Flux.1?",
-                unknown.len(),
+                "it contains tensors that change no layer of this model: {}. Is it a LoRA for Flux.1?",
                 some_of(&unknown)
             )));
         }
@@ -86,7 +85,7 @@ impl Lora {
         Ok(Self { updates })
     }
 
-    /// The updates for a layer.
+    /// The updates of the layer `module`.
     pub fn updates(&self, module: &str) -> Vec<Update> {
         self.updates.get(module).cloned().unwrap_or_default()
     }
@@ -159,7 +158,8 @@ enum Ending {
     Alpha,
 }
 
-/// Splits a key into the name of a module, without the prefixes of trainers, and the kind of tensor.
+/// Splits a key into the name of a module, without the prefix of a trainer, and the ending, which identifies the
+/// matrix.
 fn stem(key: &str) -> Option<(&str, Ending)> {
     const ENDINGS: [(&str, Ending); 5] = [
         (".lora_A.weight", Ending::Down),
@@ -176,7 +176,8 @@ fn stem(key: &str) -> Option<(&str, Ending)> {
     Some((stem, ending))
 }
 
-/// All names that files use for the layers: in both layouts, with dots and with underscores.
+/// All names of layers that LoRA files use, with their targets. They include the names of both layouts, with dots
+/// and with underscores.
 fn targets(config: &Config) -> BTreeMap<String, Target> {
     let mut targets = BTreeMap::new();
     for (module, rows, columns) in linears(config) {

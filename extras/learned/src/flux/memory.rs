@@ -1,4 +1,4 @@
-//! Estimate of the memory that an edit needs, before any file is read.
+//! Estimate of the memory that an edit needs. It is made before any weights are read.
 
 use super::attention::MAX_SCORES;
 use super::config::Config;
@@ -6,19 +6,19 @@ use super::conv::MAX_UNROLLED;
 use super::loader::Tally;
 use super::vae::VaeConfig;
 
-/// Memory that an edit needs, in bytes, if it is computed in f32.
+/// Estimated memory of an edit in f32, in bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Memory {
-    /// Weights as they are kept in memory.
+    /// Memory of the weights, in the type in which they are kept.
     pub weights: u64,
-    /// The largest matrix after conversion to the type of the computation.
+    /// Memory of the largest matrix after its conversion to the type of the computation.
     pub widened: u64,
-    /// Peak memory of the computation.
+    /// Peak memory of all intermediate values.
     pub activations: u64,
 }
 
 impl Memory {
-    /// Estimates the memory for a picture of `width` x `height` pixels and `texts` tokens of text.
+    /// Estimates the memory for a picture of `width` x `height` pixels and a prompt of `texts` tokens.
     pub fn of(
         (config, transformer): (&Config, &Tally),
         (vae_config, vae): (&VaeConfig, &Tally),
@@ -42,8 +42,8 @@ impl Memory {
         }
     }
 
-    /// Memory that an edit with the published model and 512 tokens of text needs in addition to the weights. It is
-    /// computed without opening any file.
+    /// Memory that an edit with the published model and a prompt of 512 tokens needs in addition to the weights. It
+    /// is computed without opening any file.
     pub fn published(size: (usize, usize)) -> u64 {
         let config = Config::kontext();
         let largest = (config.hidden * (3 * config.hidden + config.mlp)) as u64;

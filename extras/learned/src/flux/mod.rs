@@ -1,6 +1,5 @@
-//! Flux.1 Kontext, an image-editing diffusion model. The paper uses it to predict what a panorama looks like at a
-//! darker exposure. A LoRA specializes the model for this edit, and the prompt is fixed. The user supplies the
-//! weights.
+//! Flux.1 Kontext, an image-editing diffusion model. The paper uses it to predict how a panorama looks at a darker
+//! exposure. A LoRA specializes the model for this edit, and the prompt is fixed. The user supplies the weights.
 
 use candle_core::Tensor;
 
@@ -57,12 +56,12 @@ pub fn device() -> Result<Device> {
     Ok(Device::cuda_if_available(0)?)
 }
 
-/// Converts samples to a picture: 3 planes of height x width, from 0 to 1.
+/// Converts samples from 0 to 1 to a picture. The samples are 3 planes of height x width.
 pub fn picture(planes: &[f32], (width, height): (usize, usize), device: &Device) -> Result<Tensor> {
     Ok(Tensor::from_slice(planes, (3, height, width), device)?)
 }
 
-/// The samples of a picture: 3 planes of height x width.
+/// The samples of a picture, as 3 planes of height x width.
 pub fn samples(picture: &Tensor) -> Result<Vec<f32>> {
     Ok(picture.flatten_all()?.to_vec1()?)
 }

@@ -1,21 +1,22 @@
 //! Names of the parts of the transformer in weights files.
 //!
-//! This crate names parts as the model's authors do in their own files and in GGUF
-//! (`double_blocks.0.img_attn.qkv`). The layout of `diffusers` has other names and splits some matrices.
+//! This crate uses the names that the model's authors use in their own files and in GGUF files
+//! (`double_blocks.0.img_attn.qkv`). In the layout of `diffusers`, parts have other names, and some matrices are
+//! split.
 
 use super::config::Config;
 
-/// The tensors of a file that together form one part of the transformer, in the order of its rows.
+/// The tensors of a file whose rows, one after another, form one part of the transformer.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Pieces {
     /// Names of modules, without `.weight` or `.bias`.
     pub modules: Vec<String>,
-    /// True if the two halves of the rows are swapped: `diffusers` has (scale, shift) in the last modulation where
-    /// the authors have (shift, scale).
+    /// True if the first and the second half of the rows are swapped: in the last modulation, `diffusers` stores
+    /// (scale, shift), the authors (shift, scale).
     pub swapped: bool,
 }
 
-/// The naming of the tensors in a weights file.
+/// The layout of a weights file: how its tensors are named and split.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Layout {
     /// The names of the model's authors, each preceded by `prefix` (`model.diffusion_model.` in files that contain
@@ -29,7 +30,7 @@ pub enum Layout {
 }
 
 impl Layout {
-    /// The tensors of a file that together form a module.
+    /// The tensors of a file that together form the part `module`.
     pub fn pieces(self, module: &str) -> Pieces {
         match self {
             Self::Original { prefix } => {
@@ -48,7 +49,7 @@ impl Layout {
     }
 }
 
-/// The modules of `diffusers` that form a module of the authors.
+/// The modules of `diffusers` that correspond to a module in the names of the authors.
 fn diffusers(module: &str) -> Pieces {
     let whole = |name: String| Pieces { modules: vec![name], swapped: false };
     let several = |block: &str, parts: &[&str]| Pieces {
@@ -122,7 +123,7 @@ fn renamed<'a, const N: usize>(name: &'a str, table: &Table<N>) -> &'a str {
     table.iter().find(|(ours, _)| *ours == name).map_or(name, |(_, theirs)| theirs)
 }
 
-/// Every linear layer of a model of this size: its name, rows and columns.
+/// Every linear layer of a model of this size, with its name, number of rows and number of columns.
 pub fn linears(config: &Config) -> Vec<(String, usize, usize)> {
     let Config { hidden, mlp, .. } = *config;
     let mut list = vec![
@@ -156,8 +157,8 @@ pub fn linears(config: &Config) -> Vec<(String, usize, usize)> {
     list
 }
 
-/// The number of rows of each piece of a module that `diffusers` splits: `hidden` rows each for queries, keys and
-/// values; all other rows belong to the last piece.
+/// The number of rows of each piece of a module that `diffusers` splits. Queries, keys and values have `hidden`
+/// rows each; the last piece has all remaining rows.
 pub fn piece_rows(config: &Config, rows: usize, pieces: usize) -> Vec<usize> {
     if pieces == 1 {
         return vec![rows];

@@ -5,7 +5,7 @@ use candle_core::{Device, Tensor};
 
 use super::error::Result;
 
-/// Hash of three numbers, uniform over all 64-bit values (the finaliser of SplitMix64, Steele et al. 2014).
+/// Hash of three numbers, uniform over all 64-bit values. It uses the finaliser of SplitMix64 (Steele et al. 2014).
 fn mixed(seed: u64, stream: u64, index: u64) -> u64 {
     let mut x = seed;
     for part in [stream, index] {
@@ -22,13 +22,15 @@ pub fn uniform(seed: u64, stream: u64, index: u64) -> f64 {
     ((mixed(seed, stream, index) >> 12) as f64 + 0.5) / (1_u64 << 52) as f64
 }
 
-/// Returns a standard normal random number (Box and Muller 1958; one of each pair is used).
+/// Returns a random number with the standard normal distribution (Box and Muller 1958; only one number of each pair
+/// is used).
 pub fn normal(seed: u64, stream: u64, index: u64) -> f64 {
     let radius = (-2.0 * libm::log(uniform(seed, stream, 2 * index))).sqrt();
     radius * libm::cos(std::f64::consts::TAU * uniform(seed, stream, 2 * index + 1))
 }
 
-/// Standard normal numbers in f32. Each pair of `seed` and `stream` gives different numbers.
+/// A tensor of standard normal random numbers in f32. Different pairs of `seed` and `stream` give different
+/// numbers.
 pub fn normals(seed: u64, stream: u64, shape: (usize, usize, usize), device: &Device) -> Result<Tensor> {
     let count = shape.0 * shape.1 * shape.2;
     let values: Vec<f32> = (0..count as u64).map(|i| normal(seed, stream, i) as f32).collect();

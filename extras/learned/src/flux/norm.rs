@@ -11,8 +11,8 @@ pub fn wide(dtype: DType) -> DType {
     if dtype == DType::F64 { DType::F64 } else { DType::F32 }
 }
 
-/// Normalizes each token to mean 0 and variance 1, then applies `(1 + scale) x + shift` with the same vectors for
-/// all tokens.
+/// Normalizes each token to mean 0 and variance 1, then applies `(1 + scale) x + shift`. The vectors `scale` and
+/// `shift` are the same for all tokens.
 pub fn modulated(x: &Tensor, scale: &Tensor, shift: &Tensor) -> Result<Tensor> {
     let dtype = wide(x.dtype());
     let wide = x.to_dtype(dtype)?;
@@ -32,7 +32,7 @@ pub fn root_mean_square(x: &Tensor, scale: &Tensor) -> Result<Tensor> {
 }
 
 /// Normalizes each group of channels to mean 0 and variance 1, then applies the scale and shift of each channel.
-/// The input is channels x height x width.
+/// The input has the shape channels x height x width.
 pub fn group(x: &Tensor, groups: usize, scale: &Tensor, shift: &Tensor) -> Result<Tensor> {
     let (channels, height, width) = x.dims3()?;
     let rows = x.reshape((groups, channels / groups * height, width))?;

@@ -1,4 +1,4 @@
-//! The encoded prompt.
+//! [`Prompt`]: the encoded prompt, read from a file.
 
 use std::path::Path;
 
@@ -8,22 +8,23 @@ use super::config::Config;
 use super::error::Result;
 use super::source::Source;
 
-/// Text input of the transformer. The prompt is always the same, so its encoders (9.8 GB) are run only once, by
-/// another program, and their output (4 MB) is stored.
+/// Text input of the transformer. The prompt is always the same, so its text encoders (9.8 GB) are run only once,
+/// by another program, and their output (4 MB) is stored.
 #[derive(Debug, Clone)]
 pub struct Prompt {
-    /// The tokens of the text, encoded by T5-XXL: tokens x context, f32.
+    /// The tokens of the prompt, encoded by T5-XXL: tokens x context, f32.
     pub text: Tensor,
-    /// The text as one vector, encoded by CLIP-L: 1 x pooled, f32.
+    /// The whole prompt as one vector, encoded by CLIP-L: 1 x pooled, f32.
     pub pooled: Tensor,
 }
 
-/// Maximum number of tokens of text with which the model was trained.
+/// Maximum number of text tokens. The model was trained with at most this number.
 const MAX_TOKENS: usize = 512;
 
 impl Prompt {
-    /// Reads a safetensors file with `t5` (tokens x context) and `clip` (pooled), or with `prompt_embeds` and
-    /// `pooled_prompt_embeds` as `diffusers` names them; a leading axis of 1 is ignored.
+    /// Reads the encoded prompt from a safetensors file. The tensors are called `t5` (tokens x context) and `clip`
+    /// (pooled), or `prompt_embeds` and `pooled_prompt_embeds` as in `diffusers`. A leading axis of length 1 is
+    /// ignored.
     pub fn read(path: &Path, config: &Config, device: &Device) -> Result<Self> {
         let source = Source::open(path)?;
         let find = |names: [&'static str; 2]| names.into_iter().find(|name| source.shape(name).is_some());

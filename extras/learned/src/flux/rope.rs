@@ -4,17 +4,18 @@ use candle_core::{DType, Device, Tensor};
 
 use super::error::Result;
 
-/// The place of a token: frame, row and column. Text is at (0, 0, 0), the new picture at frame 0, the original
-/// picture at frame 1.
+/// The place of a token: frame, row and column. Text tokens are at (0, 0, 0), tokens of the new picture have frame
+/// 0, and tokens of the original picture have frame 1.
 pub type Place = [f32; 3];
 
-/// The places of a grid of tokens in `frame`, row by row.
+/// The places of a grid of tokens in frame `frame`, row by row.
 pub fn grid(frame: f32, rows: usize, columns: usize) -> Vec<Place> {
     (0..rows).flat_map(|row| (0..columns).map(move |column| [frame, row as f32, column as f32])).collect()
 }
 
-/// Cosines and sines of the rotations, each tokens x (head / 2), f32. Places are f32 and angles f64 even if the
-/// weights are bf16, since bf16, with 8 bits of precision, distinguishes only 256 columns.
+/// Cosines and sines of the rotations. Both tensors are f32 and have the shape tokens x (head / 2). Angles are
+/// computed in f64 from f32 places even if the weights are bf16, because the 8 bits of precision of bf16 can
+/// distinguish only 256 columns.
 #[derive(Debug, Clone)]
 pub struct Rotations {
     /// Cosine of the angle by which each pair of channels is rotated.
@@ -24,8 +25,8 @@ pub struct Rotations {
 }
 
 impl Rotations {
-    /// The rotations of tokens at these places. `axes` has, for each of the three coordinates, the number of
-    /// channels of a head that it rotates.
+    /// The rotations of tokens at these places. `axes` contains the number of channels of a head that are rotated
+    /// by the frame, the row and the column, respectively.
     pub fn new(places: &[Place], axes: [usize; 3], device: &Device) -> Result<Self> {
         const BASE: f64 = 10_000.0;
         let half = axes.iter().sum::<usize>() / 2;
@@ -44,7 +45,7 @@ impl Rotations {
         Ok(Self { cos: table(cos)?, sin: table(sin)? })
     }
 
-    /// Rotates neighbouring pairs of channels of `x`, heads x tokens x head.
+    /// Rotates each pair of neighbouring channels of `x`, which has the shape heads x tokens x head.
     pub fn turn(&self, x: &Tensor) -> Result<Tensor> {
         let (heads, tokens, head) = x.dims3()?;
         let pairs = x.to_dtype(DType::F32)?.reshape((heads, tokens, head / 2, 2))?;

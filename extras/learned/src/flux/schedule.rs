@@ -1,9 +1,9 @@
 //! Noise levels of the steps of an edit.
 
-/// Noise levels from 1 down to 0, `steps + 1` in total: n evenly spaced levels from 1 to 1/n for n steps, then 0.
-/// The more tokens the picture has, the more these levels are shifted towards noise; `tokens` counts only the
-/// tokens of the new picture. From Esser et al. 2024, with the constants of Flux.1: a shift of e^0.5 at 256 tokens
-/// and e^1.15 at 4096.
+/// The `steps + 1` noise levels of an edit, from 1 down to 0: `steps` evenly spaced levels from 1 to `1 / steps`,
+/// shifted towards 1, and then 0. The shift increases with the number of tokens of the new picture, `tokens`. The
+/// formula is from Esser et al. 2024, with the constants of Flux.1: a shift of e^0.5 at 256 tokens and e^1.15 at
+/// 4096.
 pub fn noise_levels(steps: usize, tokens: usize) -> Vec<f32> {
     let slope = (1.15 - 0.5) / (4096.0 - 256.0);
     let shift = libm::exp(0.5 + (tokens as f64 - 256.0) * slope);

@@ -1,4 +1,5 @@
-//! Tensors in files. They are located by the headers of the files and read one at a time.
+//! Tensors in files. The headers of the files contain the locations of the tensors, and tensors are read one at a
+//! time.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -11,7 +12,7 @@ use candle_core::{DType, Device, Tensor};
 use super::error::{Error, Result};
 use super::gguf;
 
-/// The storage format of numbers in a file.
+/// The format in which the numbers of a tensor are stored in a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Format {
     /// Plain numbers.
@@ -20,32 +21,32 @@ pub enum Format {
     Blocks(GgmlDType),
 }
 
-/// A tensor in a file: its shape, and where its bytes are.
+/// Shape and location of a tensor in a file.
 #[derive(Debug, Clone)]
 pub struct Entry {
-    /// Sizes of the axes, the outermost first, as in PyTorch.
+    /// Lengths of the axes, the outermost axis first, as in PyTorch.
     pub shape: Vec<usize>,
-    /// Storage format of its numbers.
+    /// Format in which the numbers are stored.
     pub format: Format,
-    /// Index into the files of the [`Source`].
+    /// Index of the file that contains the tensor, among the files of the [`Source`].
     pub(crate) file: usize,
-    /// Offset from the start of the file, in bytes.
+    /// Offset of the data from the start of the file, in bytes.
     pub(crate) start: u64,
-    /// Length in bytes.
+    /// Length of the data in bytes.
     pub bytes: u64,
 }
 
 /// A tensor that was read from a file.
 #[derive(Debug)]
 pub enum Stored {
-    /// Plain numbers, in the type of the file.
+    /// Plain numbers, in the type that they have in the file.
     Plain(Tensor),
     /// Quantised numbers.
     Blocks(QTensor),
 }
 
-/// The tensors of a safetensors file, of all shards of such a file, or of a GGUF file. Opening reads only headers,
-/// and takes a few milliseconds for a file of 24 GB.
+/// The tensors of a safetensors file, of all shards of a safetensors file, or of a GGUF file. Opening reads only
+/// the headers, which takes a few milliseconds for a file of 24 GB.
 #[derive(Debug)]
 pub struct Source {
     files: Vec<PathBuf>,
@@ -58,8 +59,8 @@ pub struct Source {
 const MAX_HEADER: u64 = 1 << 26;
 
 impl Source {
-    /// Reads the headers. `path` is a file, or the first of several shards (`..-00001-of-00003.safetensors`); the
-    /// headers of the other shards are then read, too.
+    /// Reads the headers. If `path` is the first of several shards (`..-00001-of-00003.safetensors`), the headers
+    /// of all shards are read.
     pub fn open(path: &Path) -> Result<Self> {
         let mut source = Self { files: shards(path), entries: BTreeMap::new(), metadata: BTreeMap::new() };
         for index in 0..source.files.len() {
@@ -84,12 +85,12 @@ impl Source {
         Ok(source)
     }
 
-    /// The first file, which represents all files in messages.
+    /// The path of the first file. Messages name this file for all of them.
     pub fn path(&self) -> &Path {
         &self.files[0]
     }
 
-    /// Every tensor by name.
+    /// All tensors, by name.
     pub fn entries(&self) -> &BTreeMap<String, Entry> {
         &self.entries
     }
@@ -99,17 +100,17 @@ impl Source {
         &self.metadata
     }
 
-    /// The shape of the tensor with that name; `None` if it does not exist.
+    /// The shape of the tensor with this name; `None` if there is no such tensor.
     pub fn shape(&self, name: &str) -> Option<&[usize]> {
         self.entries.get(name).map(|entry| entry.shape.as_slice())
     }
 
-    /// Creates an [`Error::File`] about these files.
+    /// Creates an [`Error::File`] that names the first of these files.
     pub fn wrong(&self, what: impl Into<String>) -> Error {
         Error::file(self.path(), what)
     }
 
-    /// Reads one tensor onto a device.
+    /// Reads the tensor called `name` and places it on `device`.
     pub fn read(&self, name: &str, device: &Device) -> Result<Stored> {
         let entry =
             self.entries.get(name).ok_or_else(|| self.wrong(format!("tensor `{name}` is missing")))?;
@@ -129,7 +130,7 @@ impl Source {
         })
     }
 
-    /// Reads one tensor as f32.
+    /// Like [`read`](Self::read), but converts the tensor to f32.
     pub fn read_f32(&self, name: &str, device: &Device) -> Result<Tensor> {
         Ok(match self.read(name, device)? {
             Stored::Plain(tensor) => tensor.to_dtype(DType::F32)?,
@@ -138,7 +139,7 @@ impl Source {
     }
 }
 
-/// The paths of all shards if `path` is the first of several shards; otherwise only `path`.
+/// The paths of all shards if `path` is the first of several shards. Otherwise, only `path`.
 pub fn shards(path: &Path) -> Vec<PathBuf> {
     let alone = || vec![path.to_owned()];
     let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();

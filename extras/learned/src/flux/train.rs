@@ -1,5 +1,5 @@
-//! Training of a LoRA on pairs of pictures; the base model is frozen. As in the paper, the method is DreamBooth
-//! (Ruiz et al. 2023) with one fixed prompt. The loss is the one with which the base model was trained (flow
+//! Training of a LoRA on pairs of pictures, with a frozen base model. As in the paper, the method is DreamBooth
+//! (Ruiz et al. 2023) with one fixed prompt. The loss is the loss with which the base model was trained (flow
 //! matching, Esser et al. 2024).
 
 use std::collections::BTreeMap;
@@ -24,26 +24,27 @@ use super::watch::Watch;
 pub struct TrainSettings {
     /// Rank of every update.
     pub rank: usize,
-    /// Numerator of the scale of updates: each is `alpha / rank * up * down`.
+    /// Numerator of the scale of each update, `alpha / rank * up * down`.
     pub alpha: f64,
-    /// Learning rate: the approximate change of a weight per step.
+    /// Learning rate. Each step changes a weight by about this amount.
     pub rate: f64,
     /// The strength of guidance during training; 1 for the published model.
     pub guidance: f32,
-    /// Seed of the first weights, the noise, and the order of pairs.
+    /// Seed of the initial weights, the noise, and the order of the pairs.
     pub seed: u64,
 }
 
-/// Latents of a picture and of its target, each channels x height x width.
+/// Latents of a picture and latents of its target, each of shape channels x height x width.
 #[derive(Debug, Clone)]
 pub struct Pair {
     from: Tensor,
     to: Tensor,
 }
 
-/// An update that is being trained, and its two running means (Adam, Kingma and Ba 2015).
+/// An update that is being trained, and the two running means of Adam for each of its matrices (Kingma and Ba
+/// 2015).
 struct Adapter {
-    /// Name in `diffusers`, without `transformer.`.
+    /// Name of the layer in `diffusers`, without `transformer.`.
     module: String,
     rows: (usize, usize),
     layer: String,
@@ -60,16 +61,16 @@ pub struct Trainer {
     done: u64,
 }
 
-/// True for the layers that are trained: all layers of attention and of the perceptrons, but not those that compute
-/// modulations.
+/// True for a layer that is trained. All layers of attention and of the perceptrons are trained; layers that
+/// compute modulations are not.
 fn trained(module: &str) -> bool {
     (module.starts_with("transformer_blocks.") || module.starts_with("single_transformer_blocks."))
         && !module.contains(".norm")
 }
 
 impl Trainer {
-    /// Adds new updates to the model. The `down` matrices are random and the `up` matrices zero, so that nothing
-    /// changes at first.
+    /// Adds new updates to the model. Their `down` matrices are random and their `up` matrices are zero, so that
+    /// the updates have no effect at first.
     pub fn new(mut kontext: Kontext, settings: TrainSettings) -> Result<Self> {
         let config = kontext.transformer.config().clone();
         let device = kontext.transformer.device().clone();
@@ -115,7 +116,7 @@ impl Trainer {
         Ok(Self { kontext, settings, adapters, done: 0 })
     }
 
-    /// Encodes two pictures of equal size, each 3 x height x width in 0..1.
+    /// Encodes two pictures of equal size, each of shape 3 x height x width with values from 0 to 1.
     pub fn pair(&self, from: &Tensor, to: &Tensor, watch: &mut dyn Watch) -> Result<Pair> {
         if from.dims() != to.dims() {
             return Err(Error::Mismatch(format!(
@@ -130,7 +131,7 @@ impl Trainer {
     }
 
     /// Returns the loss at a noise level, and its gradients. The loss is the mean squared difference between the
-    /// predicted velocity and the velocity of the straight path between picture and noise.
+    /// predicted velocity and the velocity along the straight path between picture and noise.
     fn gradients(
         &self,
         pair: &Pair,
@@ -155,7 +156,8 @@ impl Trainer {
         self.kontext.transformer.gradients(&given, &vars, &loss, watch)
     }
 
-    /// The current loss of a pair, averaged over four noise levels with fixed noise. Used to monitor the training.
+    /// The current loss of a pair, averaged over four noise levels. The noise is the same in every call, so the
+    /// result can be used to monitor the training.
     pub fn loss(&self, pair: &Pair, watch: &mut dyn Watch) -> Result<f32> {
         let mut sum = 0.0;
         for (i, level) in [0.2, 0.4, 0.6, 0.8].into_iter().enumerate() {
@@ -164,8 +166,8 @@ impl Trainer {
         Ok(sum / 4.0)
     }
 
-    /// Performs one step on one pair and returns its loss. The noise level is drawn from a logit-normal
-    /// distribution.
+    /// Performs one training step on a pair and returns the loss of the pair at a random noise level. The level is
+    /// drawn from a logit-normal distribution.
     pub fn step(&mut self, pair: &Pair, watch: &mut dyn Watch) -> Result<f32> {
         let level = 1.0 / (1.0 + libm::exp(-normal(self.settings.seed, LEVELS, self.done)));
         let (loss, gradients) = self.gradients(pair, level as f32, self.done, watch)?;
@@ -175,7 +177,9 @@ impl Trainer {
             square += f64::from(gradient.sqr()?.sum_all()?.to_scalar::<f32>()?);
         }
         if !square.is_finite() || !loss.is_finite() {
-            return Err(Error::Mismatch(format!("the loss is {loss}; train with a lower learning rate")));
+            return Err(Error::Mismatch(format!(
+                "the training failed, because the loss is {loss}; use a lower learning rate"
+            )));
         }
         let clip = 1.0 / square.sqrt().max(1.0);
         self.done += 1;
@@ -195,12 +199,13 @@ impl Trainer {
         Ok(loss)
     }
 
-    /// Number of steps so far.
+    /// Number of steps that have been performed.
     pub fn done(&self) -> u64 {
         self.done
     }
 
-    /// Index of the pair for the next step, below `count`. Every round uses each pair once, in a different order.
+    /// Index of the pair for the next step, less than `count`. Each round uses every pair once, in an order that
+    /// differs from round to round.
     pub fn next(&self, count: usize) -> usize {
         let (round, turn) = (self.done / count as u64, self.done % count as u64);
         let mut order: Vec<usize> = (0..count).collect();
@@ -211,7 +216,7 @@ impl Trainer {
         order[turn as usize]
     }
 
-    /// Writes the LoRA in the layout of `diffusers` and peft, which [`Lora`](super::Lora) reads too.
+    /// Writes the LoRA in the layout of `diffusers` and peft, which [`Lora`](super::Lora) can read.
     pub fn save(&self, path: &Path) -> Result<()> {
         let tensors = self.adapters.iter().flat_map(|adapter| {
             let [down, up] = adapter.vars.each_ref().map(|var| var.as_tensor().clone());
@@ -235,7 +240,8 @@ impl Trainer {
         write(path, tensors.collect(), &header)
     }
 
-    /// Writes the state needed to continue later. `learned_from` identifies the model and the pairs.
+    /// Writes the state that is needed to continue the training later. `learned_from` identifies the model and the
+    /// pairs.
     pub fn save_state(&self, path: &Path, learned_from: &str) -> Result<()> {
         let mut tensors = Vec::new();
         for (i, adapter) in self.adapters.iter().enumerate() {
@@ -250,8 +256,8 @@ impl Trainer {
         write(path, tensors, &[("done", self.done.to_string()), ("settings", settings), ("from", from)])
     }
 
-    /// Continues from the state written by [`Trainer::save_state`], with the same settings and data. The result is
-    /// the same as that of an uninterrupted training.
+    /// Continues from a state written by [`Trainer::save_state`], which must have been written with the same
+    /// settings and data. The result is the same as the result of an uninterrupted training.
     pub fn load_state(&mut self, path: &Path, learned_from: &str) -> Result<()> {
         let source = Source::open(path)?;
         let said = source.metadata().get("settings");

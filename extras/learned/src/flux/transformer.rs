@@ -1,4 +1,4 @@
-//! The network that predicts the velocity of a noisy picture (Flux.1 Kontext of Black Forest Labs, 2025).
+//! The network that predicts the velocity of a noisy picture (Flux.1 Kontext, Black Forest Labs, 2025).
 
 use candle_core::{DType, Device, Tensor};
 
@@ -14,7 +14,7 @@ use super::rope::{Place, Rotations};
 use super::source::Source;
 use super::watch::Watch;
 
-/// Two layers with a silu between them, which compute the embedding of a number or a vector.
+/// Two linear layers with a silu between them. They compute the embedding of a number or a vector.
 struct Embedder {
     inward: Linear,
     outward: Linear,
@@ -37,7 +37,7 @@ impl Embedder {
     }
 }
 
-/// The transformer.
+/// The transformer of Flux.1 Kontext.
 pub struct Transformer {
     config: Config,
     device: Device,
@@ -54,8 +54,8 @@ pub struct Transformer {
 }
 
 impl Transformer {
-    /// Checks every key of a file against the keys that the model needs, and counts its weights, without reading
-    /// any.
+    /// Checks that a file contains exactly the keys that the model needs, and counts the weights. No weights are
+    /// read.
     pub fn survey(source: &Source) -> Result<(Config, Tally)> {
         let (layout, config) = Config::of(source)?;
         let mut loader = Loader::survey(source, layout);
@@ -63,8 +63,8 @@ impl Transformer {
         Ok((config, loader.finish()?))
     }
 
-    /// Reads the weights, which stay in memory in the type of the file. `dtype` is the type of the computation:
-    /// f32, or bf16 on a GPU.
+    /// Reads the weights, which stay in memory in the type that they have in the file. `dtype` is the type of the
+    /// computation: f32, or bf16 on a GPU.
     pub fn load(source: &Source, device: &Device, dtype: DType) -> Result<Self> {
         Self::survey(source)?;
         let (layout, config) = Config::of(source)?;
@@ -102,7 +102,7 @@ impl Transformer {
         &self.config
     }
 
-    /// The device of the weights.
+    /// The device on which the weights are stored.
     pub fn device(&self) -> &Device {
         &self.device
     }
@@ -117,7 +117,8 @@ impl Transformer {
             .chain(self.singles.iter_mut().flat_map(Single::linears))
     }
 
-    /// Adds a LoRA. At a strength of 1 it has the effect that it was trained for. Several LoRAs add up.
+    /// Adds a LoRA. At `strength` 1, it has the effect for which it was trained. The effects of several LoRAs add
+    /// up.
     pub fn attach(&mut self, lora: &Lora, strength: f64) -> Result<()> {
         for layer in self.linears() {
             for mut update in lora.updates(layer.name()) {
@@ -128,9 +129,9 @@ impl Transformer {
         Ok(())
     }
 
-    /// The velocity of every token of the new picture: tokens x in_channels, in f32. `tokens` contains the tokens
-    /// of the new picture followed by those of the original one, and `places` their positions. `time` is the noise
-    /// level of the new picture, from 1 to 0.
+    /// Predicts the velocity of every token of the new picture, in f32. The result has the shape tokens x
+    /// in_channels. `tokens` contains the tokens of the new picture followed by the tokens of the original picture,
+    /// and `places` the places of all of them. `time` is the noise level of the new picture, from 1 to 0.
     pub fn forward(
         &self,
         tokens: &Tensor,
@@ -161,7 +162,7 @@ impl Transformer {
         self.end(&both.narrow(0, texts, pictures)?, &shared, watch)
     }
 
-    /// Computes everything before the blocks.
+    /// Computes the inputs of the first block.
     pub(super) fn begin(
         &self,
         tokens: &Tensor,
@@ -199,7 +200,7 @@ impl Transformer {
         Ok(Begun { rotations, mood: silu(&mood)?, txt, img })
     }
 
-    /// Computes everything after the blocks.
+    /// Computes the velocity from the output of the last block.
     pub(super) fn end(&self, img: &Tensor, shared: &Shared<'_>, watch: &mut dyn Watch) -> Result<Tensor> {
         let [shift, scale] = modulation(&self.last_modulation, &shared.mood)?;
         let img = modulated(img, &scale, &shift)?;
@@ -216,8 +217,9 @@ pub(super) struct Begun {
     pub img: Tensor,
 }
 
-/// Cosines, then sines, of 1000 `t` at frequencies from 1 down to 1/10000, as 1 x width. Angles are rounded as in
-/// the reference implementation, since an f32 angle of 1000 radians is accurate only to 6e-5.
+/// Embedding of a noise level, of shape 1 x width: the cosines and then the sines of 1000 `t`, at frequencies from
+/// 1 down to 1/10000. Angles are rounded to f32 as in the reference implementation, because an f32 angle of 1000
+/// radians is accurate only to 6e-5.
 fn time_embedding(t: f32, width: usize, device: &Device) -> Result<Tensor> {
     let half = width / 2;
     let ln = libm::log(10_000.0) as f32;

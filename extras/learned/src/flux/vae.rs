@@ -1,4 +1,5 @@
-//! The autoencoder of Flux.1, which converts between pictures and latents of an eighth of the size.
+//! The autoencoder of Flux.1. It converts between pictures and latents, whose width and height are an eighth of
+//! those of the picture.
 
 use std::path::Path;
 
@@ -18,15 +19,17 @@ use super::watch::Watch;
 /// The sizes of an autoencoder, derived from its file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct VaeConfig {
-    /// Number of channels at each picture size, the largest size first.
+    /// Number of channels at each size of the picture, starting with the full size.
     pub widths: Vec<usize>,
-    /// Number of residual blocks at each picture size in the encoder; the decoder has one more.
+    /// Number of residual blocks of the encoder at each size of the picture. The decoder has one more block at each
+    /// size.
     pub blocks: usize,
     /// Number of channels of the latents.
     pub latents: usize,
-    /// Number of groups of channels in the norms.
+    /// Number of groups of channels in each group norm.
     pub groups: usize,
-    /// Scale of the latents: they are (mean - `shift`) * `scale`, where the mean is the encoder's output.
+    /// Scale of the latents. The latents are (mean - `shift`) * `scale`, where the mean is the output of the
+    /// encoder.
     pub scale: f64,
     /// Shift of the latents; see [`VaeConfig::scale`].
     pub shift: f64,
@@ -41,7 +44,7 @@ struct File {
 }
 
 impl VaeConfig {
-    /// The autoencoder of Flux.1.
+    /// The sizes of the autoencoder of Flux.1.
     pub fn flux() -> Self {
         Self {
             widths: vec![128, 256, 512, 512],
@@ -54,8 +57,8 @@ impl VaeConfig {
     }
 
     /// Derives the sizes from the shapes in the header. The number of groups, the scale and the shift are not in
-    /// the header. They are read from the `config.json` next to the file if there is one, and are otherwise those
-    /// of Flux.1.
+    /// the header: they are read from the `config.json` next to the file. If there is none, the values of Flux.1
+    /// are used.
     fn of(source: &Source) -> Result<(Names, Self)> {
         let original = source.shape("encoder.down.0.block.0.conv1.weight").is_some();
         let mut names = Names { original, levels: 0 };
@@ -95,10 +98,11 @@ impl VaeConfig {
     }
 }
 
-/// Number of picture sizes: the size is halved three times, which gives an eighth.
+/// Number of picture sizes. Width and height are halved three times, which gives an eighth.
 const LEVELS: usize = 4;
 
-/// Names of the parts in the file. The names in this crate are those of the authors.
+/// Conversion of part names. This crate uses the names of the model's authors; a file may use the names of
+/// `diffusers`.
 struct Names {
     original: bool,
     levels: usize,
@@ -176,7 +180,8 @@ impl Parts<'_, '_> {
         })
     }
 
-    /// A linear layer that is applied to each pixel. The authors store it as a convolution with a kernel of 1 x 1.
+    /// Loads a linear layer that is applied to each pixel. The authors store it as a convolution with a 1 x 1
+    /// kernel.
     fn pixelwise(&mut self, name: &str, channels: usize) -> Result<Linear> {
         let name = self.names.of(name);
         let shape: &[usize] =
@@ -245,7 +250,7 @@ enum Stage {
     Conv(Conv),
     Residual(Residual),
     Attention(Box<Attention>),
-    /// Doubles the size by repeating each pixel.
+    /// Doubles width and height by repeating each pixel.
     Double,
     /// The norm before the last convolution.
     Last(Norm),
@@ -296,7 +301,8 @@ pub struct Vae {
 }
 
 impl Vae {
-    /// Checks every key of a file and returns the number and size of its tensors, without reading any weights.
+    /// Checks every key of a file. Returns the sizes of the autoencoder, and the number and sizes of its tensors.
+    /// No weights are read.
     pub fn survey(path: &Path) -> Result<(VaeConfig, Tally)> {
         let source = Source::open(path)?;
         let (names, config) = VaeConfig::of(&source)?;
@@ -305,8 +311,8 @@ impl Vae {
         Ok((config, loader.finish()?))
     }
 
-    /// Reads the weights, in the layout of `diffusers` or of the authors (`ae.safetensors`). `dtype` is the type of
-    /// the computation: f32 or f64, since 16-bit types overflow in this network.
+    /// Reads the weights from a file in the layout of `diffusers` or of the model's authors (`ae.safetensors`).
+    /// `dtype` is the type of the computation, f32 or f64, since 16-bit types overflow in this network.
     pub fn load(path: &Path, device: &Device, dtype: DType) -> Result<Self> {
         Self::survey(path)?;
         let source = Source::open(path)?;
@@ -368,8 +374,9 @@ impl Vae {
         &self.config
     }
 
-    /// Encodes a picture, 3 x height x width in -1..1, to latents of an eighth of the size. The encoder computes a
-    /// distribution; its mean is returned, so that the same picture always gives the same latents.
+    /// Encodes a picture of shape 3 x height x width with values from -1 to 1. Width and height of the latents are
+    /// an eighth of those of the picture. The encoder computes a distribution and returns its mean, so that the
+    /// same picture always gives the same latents.
     pub fn encode(&self, picture: &Tensor, edge: Edge, watch: &mut dyn Watch) -> Result<Tensor> {
         let mut x = picture.clone();
         for stage in &self.encoder {
@@ -384,7 +391,7 @@ impl Vae {
         Ok(scaled)
     }
 
-    /// Decodes latents to a picture with values of about -1 to 1.
+    /// Decodes latents to a picture with values from about -1 to 1.
     pub fn decode(&self, latents: &Tensor, edge: Edge, watch: &mut dyn Watch) -> Result<Tensor> {
         let mut x = ((latents / self.config.scale)? + self.config.shift)?;
         for stage in &self.decoder {

@@ -14,7 +14,8 @@ pub trait Watch {
     /// Reports the progress, from 0 to 1.
     fn progress(&mut self, _done: f64) {}
 
-    /// Reports an intermediate value under its name in the layout of `diffusers`, for comparison with other code.
+    /// Reports an intermediate value for comparison with other code. `name` is the name of the value in
+    /// `diffusers`.
     fn value(&mut self, _name: &str, _value: &Tensor) {}
 }
 

@@ -1,4 +1,4 @@
-//! Tests with various user files: shards, quantised files, wrong LoRAs, damaged headers.
+//! Tests with unusual user files: shards, quantised weights, wrong LoRAs, damaged headers.
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
@@ -19,7 +19,7 @@ fn save(tensors: &BTreeMap<String, Tensor>, path: &Path) {
     candle_core::safetensors::save(&map, path).unwrap();
 }
 
-/// Prepares an edit of two steps of a picture of 128 x 64.
+/// Prepares a two-step edit of a picture of 128 x 64 pixels.
 fn edited(transformer: &Path, folder: &Path, seamless: bool) -> Kontext2 {
     let reference = reference();
     let files = Files {

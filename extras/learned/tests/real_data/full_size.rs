@@ -1,5 +1,5 @@
-//! Tests with the keys of the published model: every key of its files is used, and the memory estimate is correct. The
-//! files are sparse, with a header only, and no weight is read.
+//! Tests with the keys of the published model: every key of its files is used, and the memory estimate is correct.
+//! The test files are sparse and contain only headers, and no weights are read.
 
 use std::fs::File;
 use std::io::{Seek, Write};
@@ -9,7 +9,7 @@ use learned::flux::{Config, Error, Memory, Source, Tally, Transformer, VaeConfig
 
 use crate::fixture;
 
-/// The dimension of the large model that corresponds to a dimension of the small one.
+/// The size of an axis in the published model that corresponds to the size `size` in the small test model.
 fn grown(key: &str, size: usize) -> usize {
     match size {
         32 => 3072,
@@ -27,7 +27,8 @@ fn grown(key: &str, size: usize) -> usize {
     }
 }
 
-/// The keys of the small model's file, with its blocks repeated and with the shapes of the large model.
+/// The keys and shapes of the published model. They are derived from a file of the small model: its blocks are
+/// repeated, and its sizes replaced.
 fn keys(file: &str) -> Vec<(String, Vec<usize>)> {
     let small = Source::open(&fixture().join(file)).unwrap();
     let mut list = Vec::new();
@@ -67,7 +68,8 @@ fn safetensors(path: &Path, keys: &[(String, Vec<usize>)]) {
     file.set_len((8 + text.len() + start) as u64).unwrap();
 }
 
-/// A GGUF file with matrices of four bits per weight and the rest in f32, as the converters write it.
+/// Writes a GGUF file with matrices of four bits per weight and all other tensors in f32, like the files of the
+/// usual converters.
 fn gguf(path: &Path, keys: &[(String, Vec<usize>)]) {
     let mut file = File::create(path).unwrap();
     let mut put = |bytes: &[u8]| file.write_all(bytes).unwrap();
@@ -163,7 +165,9 @@ fn a_key_too_many_or_too_few_is_named() {
     more.push(("vae.encoder.conv_in.weight".to_owned(), vec![8, 3, 3, 3]));
     let message = said(&more);
     assert!(
-        message.contains("1 of its tensors belong to no part of this model: `vae.encoder.conv_in.weight`"),
+        message.contains(
+            "it contains tensors that belong to no part of this model: `vae.encoder.conv_in.weight`"
+        ),
         "{message}"
     );
     let at = |name: &str| keys.iter().position(|(key, _)| key == name).unwrap();
@@ -174,7 +178,10 @@ fn a_key_too_many_or_too_few_is_named() {
     let mut other = keys.clone();
     other[at("single_blocks.3.linear1.weight")].1 = vec![21504, 3000];
     let message = said(&other);
-    assert!(message.contains("`single_blocks.3.linear1.weight` has shape [21504, 3000]"), "{message}");
+    assert!(
+        message.contains("`single_blocks.3.linear1.weight` has the wrong shape [21504, 3000]"),
+        "{message}"
+    );
     assert!(said(&[]).contains("is not a Flux transformer"));
     // A file that was truncated while it was copied.
     safetensors(&path, &keys);

@@ -1,4 +1,4 @@
-//! Tests against a reference: the tensors that `diffusers` computes for a small model with random weights. Also
+//! Comparison with a reference: the tensors that `diffusers` computes for a small model with random weights. Also
 //! contains other tests that need such a model.
 
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "tests")]
@@ -10,13 +10,14 @@ mod training;
 
 use std::path::{Path, PathBuf};
 
-/// The folder with the small model and the reference.
+/// The folder that contains the small model and the reference.
 fn fixture() -> PathBuf {
     let root = PathBuf::from(env!("CARGO_MANIFEST_DIR"));
     root.join("../../../shared/data/flux-kontext-tiny")
 }
 
-/// Copies the small model's `config.json` into a folder, since headers do not contain the axes of its short heads.
+/// Copies the small model's `config.json` into a folder. It is needed because the weights file does not contain the
+/// axes, and the heads are shorter than those of the published model.
 fn small_config(folder: &Path) {
     std::fs::copy(fixture().join("transformer/config.json"), folder.join("config.json")).unwrap();
 }

@@ -1,4 +1,4 @@
-//! Comparison with the reference: prints the largest difference from it for each named tensor.
+//! Comparison with the reference. For each named tensor, prints the largest difference from the reference.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -10,7 +10,7 @@ use crate::{fixture, small_config};
 
 type Tensors = std::collections::HashMap<String, Tensor>;
 
-/// Records the first reported value of each name.
+/// Observer that records the first value reported under each name.
 #[derive(Default)]
 struct Record(BTreeMap<String, Tensor>);
 
@@ -24,7 +24,7 @@ pub fn reference() -> Tensors {
     candle_core::safetensors::load(fixture().join("tensors.safetensors"), &Device::Cpu).unwrap()
 }
 
-/// Writes the prompt of the small model to a file like the one that a user supplies.
+/// Writes the prompt of the small model to a file in the format that users supply.
 pub fn prompt_file(folder: &Path, tensors: &Tensors) -> std::path::PathBuf {
     let path = folder.join("prompt.safetensors");
     let of = |name: &str| tensors[name].clone();
@@ -118,7 +118,7 @@ fn every_named_tensor_is_the_reference_s() {
     }
 }
 
-/// The largest difference of each run, by name.
+/// Largest difference from the reference in each run, by the name of the tensor.
 #[derive(Default)]
 struct Worst(BTreeMap<String, Vec<f32>>);
 

@@ -1,4 +1,4 @@
-//! Training of a LoRA on the small model.
+//! Test of the training of a LoRA, with the small model.
 
 use std::path::Path;
 

@@ -11,11 +11,12 @@ use super::norm::{modulated, root_mean_square};
 use super::rope::Rotations;
 use super::watch::Watch;
 
-/// The inputs that all blocks share.
+/// The inputs that are the same for all blocks.
 pub struct Shared<'a> {
-    /// Conditioning vector, 1 x hidden: the silu of the sum of the embeddings of time, guidance and text.
+    /// Conditioning vector, of shape 1 x hidden: the silu of the sum of the embeddings of noise level, guidance and
+    /// text.
     pub mood: Tensor,
-    /// Rotations of all tokens, text tokens first.
+    /// Rotations of all tokens. The text tokens come first.
     pub rotations: &'a Rotations,
     /// Number of channels of a head.
     pub head: usize,
@@ -32,7 +33,7 @@ pub(crate) fn modulation<const N: usize>(layer: &Linear, mood: &Tensor) -> Resul
     Ok(parts.try_into().unwrap_or_else(|_| unreachable!("as many as were made")))
 }
 
-/// Scales of the norms of queries and keys.
+/// Scales of the norms that are applied to the queries and keys of each head.
 struct HeadNorm {
     query: Tensor,
     key: Tensor,
@@ -46,8 +47,8 @@ impl HeadNorm {
         })
     }
 
-    /// Splits `qkv`, tokens x (3 * hidden), into queries, keys and values, each heads x tokens x head, and
-    /// normalizes queries and keys.
+    /// Splits `qkv`, of shape tokens x (3 * hidden), into queries, keys and values, each of shape heads x tokens x
+    /// head. The queries and keys are normalized.
     fn split(&self, qkv: &Tensor, head: usize) -> Result<[Tensor; 3]> {
         let (tokens, width) = qkv.dims2()?;
         let apart = qkv.reshape((tokens, 3, width / 3 / head, head))?.permute((1, 2, 0, 3))?.contiguous()?;
@@ -58,7 +59,7 @@ impl HeadNorm {
     }
 }
 
-/// The weights of one side, text or picture, of a [`Double`].
+/// The weights of a [`Double`] for its text tokens or for its picture tokens.
 struct Side {
     modulation: Linear,
     qkv: Linear,
@@ -86,7 +87,7 @@ impl Side {
         [&mut self.modulation, &mut self.qkv, &mut self.proj].into_iter().chain(&mut self.mlp)
     }
 
-    /// Applies the layers after attention to this side.
+    /// Applies the layers that follow attention.
     fn finish(&self, x: &Tensor, mixed: &Tensor, m: &[Tensor; 6]) -> Result<Tensor> {
         let x = (x + self.proj.forward(mixed)?.broadcast_mul(&m[2])?)?;
         let inner = self.mlp[0].forward(&modulated(&x, &m[4], &m[3])?)?.gelu()?;
@@ -94,14 +95,14 @@ impl Side {
     }
 }
 
-/// A block in which text and picture have separate weights and attend to each other.
+/// A block in which text and picture have separate weights, but attend to each other.
 pub struct Double {
     img: Side,
     txt: Side,
 }
 
 impl Double {
-    /// Loads block `index`.
+    /// Loads the block with index `index`.
     pub fn load(loader: &mut Loader<'_>, config: &Config, index: usize) -> Result<Self> {
         let side = |loader: &mut Loader<'_>, side: &str| {
             Side::load(loader, config, &format!("double_blocks.{index}.{side}"))
@@ -114,7 +115,7 @@ impl Double {
         self.img.linears().chain(self.txt.linears())
     }
 
-    /// Applies the block. Returns the new text and picture, each tokens x hidden.
+    /// Applies the block. Returns the new text tokens and picture tokens, each of shape tokens x hidden.
     pub fn forward(
         &self,
         txt: &Tensor,
@@ -140,7 +141,8 @@ impl Double {
     }
 }
 
-/// A block in which text and picture are one sequence, and attention runs in parallel with the perceptron.
+/// A block in which text and picture form one sequence, and in which attention and the perceptron read the same
+/// input.
 pub struct Single {
     modulation: Linear,
     inward: Linear,
@@ -149,7 +151,7 @@ pub struct Single {
 }
 
 impl Single {
-    /// Loads block `index`.
+    /// Loads the block with index `index`.
     pub fn load(loader: &mut Loader<'_>, config: &Config, index: usize) -> Result<Self> {
         let name = |part: &str| format!("single_blocks.{index}.{part}");
         let Config { hidden, mlp, .. } = *config;
@@ -166,7 +168,7 @@ impl Single {
         [&mut self.modulation, &mut self.inward, &mut self.outward].into_iter()
     }
 
-    /// Applies the block. Returns the new sequence, tokens x hidden.
+    /// Applies the block. Returns the new sequence, of shape tokens x hidden.
     pub fn forward(&self, x: &Tensor, shared: &Shared<'_>, watch: &mut dyn Watch) -> Result<Tensor> {
         let hidden = x.dim(1)?;
         let [shift, scale, gate] = modulation(&self.modulation, &shared.mood)?;
@@ -180,7 +182,7 @@ impl Single {
     }
 }
 
-/// silu, computed in f32 and returned in the type of the input.
+/// The activation function silu. It is computed in f32, and the result has the type of the input.
 pub(crate) fn silu(x: &Tensor) -> Result<Tensor> {
     Ok(x.to_dtype(DType::F32)?.silu()?.to_dtype(x.dtype())?)
 }

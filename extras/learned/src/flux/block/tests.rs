@@ -1,4 +1,5 @@
-//! Tests that compare both kinds of blocks, with heads of the real length, with loops in f64.
+//! Tests that compare both kinds of blocks with simple loops in f64. The heads have the same length as in the
+//! published model.
 
 use candle_core::{Device, Tensor};
 
@@ -11,8 +12,8 @@ const HEAD: usize = 128;
 const HIDDEN: usize = HEADS * HEAD;
 const MLP: usize = 512;
 const AXES: [usize; 3] = [16, 56, 56];
-/// Places of two tokens of text, then of tokens of the new and of the original picture, as far apart as in a
-/// picture of 1440 x 720.
+/// Places of two text tokens, followed by tokens of the new picture and tokens of the original picture. The picture
+/// tokens are as far apart as in a picture of 1440 x 720.
 const PLACES: [[f32; 3]; 7] =
     [[0.0; 3], [0.0; 3], [0.0; 3], [0.0, 44.0, 1.0], [0.0, 3.0, 89.0], [1.0, 44.0, 89.0], [1.0, 0.0, 45.0]];
 const TEXTS: usize = 2;
@@ -34,7 +35,7 @@ fn vector(row: &[f64]) -> Tensor {
     Tensor::new(row.iter().map(|v| *v as f32).collect::<Vec<_>>(), &Device::Cpu).expect("is a vector")
 }
 
-/// A layer in f64.
+/// A linear layer in f64.
 struct Layer {
     weight: Rows,
     bias: Vec<f64>,
@@ -88,7 +89,7 @@ fn gelu(x: f64) -> f64 {
     0.5 * x * (1.0 + libm::tanh((2.0 / std::f64::consts::PI).sqrt() * (x + 0.044_715 * x * x * x)))
 }
 
-/// Normalizes a head and rotates it: pair `i` of an axis is rotated by `place / 10000^(2i / width)` radians.
+/// Normalizes a head and rotates it. Pair `i` of an axis is rotated by `place / 10000^(2i / width)` radians.
 fn placed(x: &[f64], scale: &[f64], place: [f32; 3]) -> Vec<f64> {
     let square = x.iter().map(|v| v * v).sum::<f64>() / x.len() as f64;
     let normal: Vec<f64> = x.iter().zip(scale).map(|(v, s)| v / (square + 1e-6).sqrt() * s).collect();
@@ -105,8 +106,8 @@ fn placed(x: &[f64], scale: &[f64], place: [f32; 3]) -> Vec<f64> {
     turned
 }
 
-/// Attention of each token to all tokens. Each row of `qkv` contains the queries, then the keys, then the values of
-/// all heads.
+/// Attention from each token to all tokens. Each row of `qkv` contains the queries of all heads, then the keys,
+/// then the values.
 fn mixed(qkv: &Rows, norms: &[&Scales]) -> Rows {
     let mut out = vec![Vec::new(); qkv.len()];
     for head in 0..HEADS {
