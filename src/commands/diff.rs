@@ -59,7 +59,8 @@ fn pixels(path: &Path) -> Result<Arc<Images>, String> {
     }
 }
 
-/// The channels of an OpenEXR file that has only layers, each as data under its name.
+/// The channels of an OpenEXR file without a colour picture. Each becomes a picture of the encoding `data` that has
+/// the name of the channel. `None` for files that are not OpenEXR.
 fn layers(name: &str, bytes: &[u8]) -> Option<Images> {
     let Planes { width, height, channels, .. } = exr::read(name, bytes).ok()?;
     let view = |Channel { name, samples }| {
@@ -112,7 +113,8 @@ fn recipe(path: &Path) -> Result<Option<Recipe>, Error> {
     text.map(|text| Recipe::parse(&text)).transpose().map_err(named)
 }
 
-/// Lines about nodes, with a maximum number of lines for the instances of one node.
+/// Collects lines about nodes. Of the lines about the instances of one node, only the first [`Self::MOST`] are kept
+/// and the others are counted.
 #[derive(Default)]
 struct Lines {
     text: String,

@@ -28,7 +28,7 @@ enum Which {
     None,
     /// The sinks, or the nodes of `--only`
     Sinks,
-    /// Every node, so that verifying a few nodes does not compute their inputs
+    /// Every node, so that `verify` need not compute the inputs of the nodes that it checks
     All,
 }
 

@@ -36,8 +36,7 @@ pub struct MakeReport {
     /// Leave out the settings in which all nodes but one are at the reference, which cost most
     #[arg(long)]
     no_reverse: bool,
-    /// Measure as much as there is time for, such as 10m; the reference and the graph's own settings are always
-    /// measured
+    /// Maximum time for measuring, such as 10m; the reference and the graph's own settings are measured in any case
     #[arg(long, value_name = "TIME")]
     time: Option<String>,
     /// Also print all numbers as one JSON object on standard output

@@ -39,8 +39,8 @@ pub struct Tune {
     /// Find the least error with at most this much work, in rays (other counts are weighted as rays)
     #[arg(long, value_name = "RAYS", allow_negative_numbers = true)]
     max_work: Option<f64>,
-    /// The measure of error to minimise when a cost is bounded: flip (default), flip95, rmse, psnr, ciede2000, mae,
-    /// relmse; optionally with the prefix `touched.`, `object.` or `shadow.`
+    /// The measure of error to minimise with `--max-seconds` or `--max-work`: flip (default), flip95, rmse, psnr,
+    /// ciede2000, mae, relmse; optionally with the prefix `touched.`, `object.` or `shadow.`
     #[arg(long, value_name = "METRIC", conflicts_with = "max_error")]
     metric: Option<String>,
     /// Maximum number of settings to measure

@@ -99,9 +99,9 @@ impl GraphArgs {
         self.load()
     }
 
-    /// Like [`load`](Self::load), for `watch`. `known` is the previous graph, which must be omitted if a file that
-    /// its nodes read has changed. If the text of the graph is unchanged, `known` is returned without parsing it
-    /// again. The files of the graph itself are added to `texts`, whether or not they exist.
+    /// Like [`load`](Self::load), for `watch`. `known` is the previous graph; pass `None` if a file that its nodes
+    /// read has changed. If the text of the graph is unchanged, `known` is returned without parsing it again. The
+    /// files from which the graph itself was read are added to `texts`, whether or not they exist.
     pub fn load_again(
         &self,
         known: Option<&(Arc<Graph>, Vec<usize>)>,
@@ -126,7 +126,7 @@ impl GraphArgs {
         })
     }
 
-    /// The graph of the current text, if that is the known text with a small edit.
+    /// Updates `known` to the current text of its file; `None` if the two texts differ by more than a small edit.
     fn edited(&self, known: &Arc<Graph>) -> Option<Arc<Graph>> {
         let path = self.graph.canonicalize().ok()?;
         let text = engine::read_text(&path, engine::MAX_GRAPH_BYTES).ok()?;

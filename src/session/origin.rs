@@ -153,7 +153,8 @@ impl Origin {
     }
 }
 
-/// Reads the text of a graph, whose first bytes have been read, up to the maximum length.
+/// Reads the rest of the text of a graph from `from`, up to the maximum length. `bytes` is the part that has
+/// already been read.
 fn graph_text(mut bytes: Vec<u8>, from: impl Read) -> std::io::Result<String> {
     let wrong = |what: &str| std::io::Error::new(std::io::ErrorKind::InvalidData, what);
     from.take(LARGEST_GRAPH + 1 - bytes.len() as u64).read_to_end(&mut bytes)?;

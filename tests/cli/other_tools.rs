@@ -32,7 +32,7 @@ fn ring(count: usize, size: [u32; 2]) -> String {
     format!("\u{feff}{{\"w\": {w}, \"h\": {h}, \"camera_angle_x\": 0.8, \"frames\": [{}]}}", frames.join(","))
 }
 
-/// The cameras of a file, one after the other.
+/// A graph that renders the cameras of a file one after the other.
 const VIEWS: &str = r#"Graph(version: 1, axes: (frame: Cameras("rig")), scene: (up: "+z", seed: 1), nodes: (
     scene: LoadSplats(path: "ball.ply"),
     rig:   LoadCameras(path: "ring.json"),
@@ -45,8 +45,9 @@ fn pictures(place: &Place) -> Vec<String> {
     place.outputs().into_keys().collect()
 }
 
-/// An axis over the cameras of a file renders one after the other, by ranges, and an edit of one camera renders that
-/// one again and no other. A camera can be picked by an axis of numbers as well.
+/// An axis over the cameras of a file renders one camera after the other, and `--frames` or `--only` selects a
+/// range of them. After an edit of one camera, only this camera is rendered again. An axis of numbers can select
+/// cameras as well.
 #[test]
 fn the_cameras_of_a_file_are_an_axis() {
     let place = Place::new(VIEWS);
@@ -72,7 +73,7 @@ fn the_cameras_of_a_file_are_an_axis() {
     place.run(&[]).good();
 }
 
-/// The plan of all views of a capture at once asks for the memory of a view, not of 300.
+/// If all views of a capture are planned at once, the estimated memory is that of one view, not of 300.
 #[test]
 fn three_hundred_views_do_not_ask_for_the_memory_of_all() {
     let place = Place::new(VIEWS);

@@ -203,7 +203,7 @@ impl Opened<'_> {
         [i64::from(data.0) - i64::from(window.0), i64::from(data.1) - i64::from(window.1)]
     }
 
-    /// True when the data window is not the display window.
+    /// True if the data window differs from the display window.
     pub fn cropped(&self) -> bool {
         let size = self.header().layer_size;
         self.shift() != [0, 0] || (size.0, size.1) != self.size()
@@ -287,13 +287,13 @@ impl Opened<'_> {
     }
 }
 
-/// Reader of channels of one part, which puts each line of a block where it belongs in the result.
+/// Reader of channels of one part, which copies each line of a block to its place in the result.
 #[derive(Clone)]
 struct Rows<'a> {
     opened: &'a Opened<'a>,
-    /// Index of the first sample of each channel; `None` for channels that are not read.
+    /// For each channel, the index in the result of its first sample; `None` for channels that are not read.
     starts: Vec<Option<usize>>,
-    /// Number of samples between those of two pixels.
+    /// Distance in the result between the samples of a channel for adjacent pixels.
     stride: usize,
 }
 
@@ -327,7 +327,8 @@ struct RowsReader {
 }
 
 impl RowsReader {
-    /// Puts a line of a channel, at `x` and `y` of the data window. Samples outside of the display window are left out.
+    /// Copies a line of a channel, at `x` and `y` of the data window. Samples outside the display window are left
+    /// out.
     fn put<T>(
         &mut self,
         start: usize,
@@ -545,7 +546,8 @@ mod tests {
         assert_eq!(r[6..], [-65_504.0, f32::INFINITY]);
     }
 
-    /// One file may contain halves and floats. NaN and infinity are kept, and a picture without pixels is refused.
+    /// One file may contain both 16-bit and 32-bit floats. NaN and infinity are kept, and a picture without pixels
+    /// is refused.
     #[test]
     fn types_mix_and_what_is_no_number_comes_through() {
         let odd = vec![f32::NAN, f32::INFINITY, -0.0, 1e-40];
@@ -671,7 +673,7 @@ mod tests {
     }
 
     /// Data windows within, around and across the display window, read as planes and as pixels of some channels.
-    /// Mutation: `x as i64 + dx` to `x as i64` in `put`; `start +` left out.
+    /// This test fails if `x as i64 + dx` is `x as i64` in `put`, or without `start +`.
     #[test]
     fn a_cropped_data_window_lands_in_its_place() {
         let file = |position: (i32, i32), window: (usize, usize)| {

@@ -2,7 +2,7 @@
 
 use crate::error::Error;
 
-/// UTF-8 bytes that some editors put in front of a text.
+/// UTF-8 byte-order mark, which some editors put in front of a text.
 pub const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
 
 /// Removes a byte-order mark at the start of JSON, and NUL bytes and white space at its end, with which programs

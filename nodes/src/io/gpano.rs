@@ -7,7 +7,7 @@ use crate::error::Error;
 /// Length of the part of a file that is searched, since metadata is stored before the picture.
 pub const HEAD: usize = 1 << 20;
 
-/// Maximum length of the metadata, which is that of a JPEG segment.
+/// Maximum length of the metadata in bytes: that of a JPEG segment, in which it is stored.
 const PACKET: usize = 1 << 16;
 
 /// Maximum number of pixels of a whole sphere.

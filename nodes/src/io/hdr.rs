@@ -275,8 +275,8 @@ mod tests {
         row(64, "relative error of RGBE at 1", off(9, 1.0), 0.0);
     }
 
-    /// The eight orientations of one picture of 3 x 2 are decoded equally. This test fails if `side.forward ==
-    /// side.across` is `side.forward`.
+    /// A picture of 3 x 2 pixels, stored in each of the eight orientations, is always decoded to the same pixels.
+    /// This test fails if `side.forward == side.across` is `side.forward`.
     #[test]
     fn every_orientation_is_the_same_picture() {
         // Rows from the top, values 1 to 6.

@@ -16,7 +16,8 @@ pub struct Head {
     pub size: [u64; 2],
     /// Samples per pixel, over all layers of an OpenEXR file.
     pub channels: u64,
-    /// Bytes per pixel that the decoder returns.
+    /// Bytes per pixel of the decoder's result, which is then converted to samples. OpenEXR is read without
+    /// conversion: there, this is the additional memory that another part of the file may need.
     pub decoded: u64,
     /// True for linear light in floats; false for integer codes.
     pub floats: bool,
@@ -143,8 +144,8 @@ fn webp(reader: &mut (impl BufRead + Seek)) -> Option<Head> {
     Some(Head { size: [u64::from(width), u64::from(height)], channels: 4, decoded: 4, floats: false })
 }
 
-/// Reads the head of the part that is used when no layer is named. Since another part may be named, `decoded` is
-/// what the largest flat part takes beyond that one.
+/// Reads the head of the part that is used when no layer is named. Since the user may name another part, `decoded`
+/// is the number of bytes per pixel that the largest flat part needs in addition to what this part needs.
 fn exr(reader: &mut (impl BufRead + Seek)) -> Option<Head> {
     let meta = MetaData::read_from_buffered(reader, false).ok()?;
     let (header, _) = choose_part(&meta.headers, "")?;

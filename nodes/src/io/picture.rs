@@ -35,7 +35,7 @@ pub(crate) fn head_of(file: &FileHead<'_>) -> Option<Head> {
     file.open().and_then(|mut reader| Head::read(&mut reader))
 }
 
-/// Largest memory for reading a picture including its file, and the bytes of its floats.
+/// Peak memory for reading a picture, including its file, and the size of the picture as floats, both in bytes.
 pub(crate) fn floats_of(file: &FileHead<'_>) -> [u64; 2] {
     let [reading, floats] = head_of(file).map_or([0; 2], |head| head.as_floats());
     [reading.saturating_add(file.bytes), floats]
@@ -204,7 +204,7 @@ fn no_layer(name: &str, file: &exr::Opened<'_>, names: &[String], chroma: bool) 
     Error::format(name, format!("{text}; its channels are {}", names.join(", ")))
 }
 
-/// Replaces NaN by 0 and, unless the picture is data, infinite samples by the largest 16-bit float.
+/// Replaces NaN with 0 and, unless the picture is data, infinite samples with the largest 16-bit float.
 fn finite(
     mut samples: Vec<f32>,
     data: bool,

@@ -29,7 +29,7 @@ const LEAST: usize = 64;
 /// Required resolution of an environment.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct EnvResolution {
-    /// A power of two, or the largest allowed number.
+    /// Number of columns: a power of two, or the largest allowed number.
     pub(crate) columns: usize,
     /// Roughness of the smoothest reflecting surface; `None` if all are matte.
     roughness: Option<f64>,

@@ -19,7 +19,8 @@ engine::choices! {
     }
 }
 
-/// Number of panorama columns per pixel of a view's side: the resolution of the view at its centre.
+/// Number of useful panorama columns per pixel of the side of a cube-map view. A finer panorama would not show more
+/// detail.
 pub(crate) const COLUMNS_A_PIXEL: u32 = 2;
 
 /// A panorama before its holes are filled.

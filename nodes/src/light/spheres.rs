@@ -30,8 +30,8 @@ pub struct SphereError {
     pub angle_deg: f64,
 }
 
-/// Renders a sphere in both lights from far away along `forward`, orthographically. `None` if the reference is
-/// black.
+/// Compares renders of a sphere in both lights. The camera is orthographic and looks along `forward`. `None` if the
+/// reference is black.
 pub fn sphere_error(
     sphere: Sphere,
     found: &[Cell],

@@ -11,8 +11,8 @@ use crate::io::picture::{FileEncoding, decode};
 use crate::io::progress::Progress;
 use crate::types::{Data, Image, Linear, Picture, Srgb};
 
-/// Reads the picture of a file, or a layer of it. A partial sphere is placed by its metadata and is transparent
-/// elsewhere; a picture of another aspect ratio is reported.
+/// Reads the picture of a file, or a layer of it. A picture of a part of the sphere is placed according to its
+/// metadata and is transparent elsewhere. An aspect ratio other than 2:1 is reported.
 pub(crate) fn open(
     path: &InputFile,
     layer: &str,
@@ -35,7 +35,7 @@ pub(crate) fn open(
     Ok(picture)
 }
 
-/// Expands a picture to the whole sphere if the metadata of its file says that it is a part.
+/// Expands a picture to the whole sphere if the metadata of its file says that it shows only a part.
 pub(crate) fn whole(name: &str, bytes: &[u8], picture: Picture, notes: &mut Notes) -> Result<Picture, Error> {
     let Some(part) = GPano::find(bytes) else { return Ok(picture) };
     tell(&part, notes);
@@ -163,7 +163,8 @@ pub(crate) fn straight(pixels: Vec<[f32; 4]>) -> (Vec<f32>, Vec<f32>) {
 /// Number of rows that are rotated by one job.
 const ROWS: usize = 32;
 
-/// Rotates the pixels of `N` samples by shifting every row to the left: light in front moves to the left.
+/// Rotates a panorama with `N` samples per pixel by shifting every row to the left: light in front moves to the
+/// left.
 pub(crate) fn turn<const N: usize>(
     pixels: &[[f32; N]],
     width: usize,
@@ -232,7 +233,8 @@ mod tests {
         }
     }
 
-    /// Colours with and without alpha, and grey, give RGB. Mutation: `3 * pixel` to `4 * pixel` in `linear`.
+    /// Colours with and without alpha, and grey, give RGB. This test fails if `3 * pixel` is `4 * pixel` in
+    /// `linear`.
     #[test]
     fn light_is_rgb_whatever_channels_the_picture_has() {
         let of = |channels: usize| {

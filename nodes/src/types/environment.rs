@@ -9,8 +9,8 @@ use glam::DVec3;
 use super::image::{Image, Images, Linear, Picture, samples_difference};
 use super::panorama::{decode_point, decode_up, encode_point, encode_up};
 
-/// A linear picture that an environment can share with an output of type `image`, so that a large panorama is in memory
-/// once.
+/// A linear picture that an environment can share with an output of type `image`, so that a large panorama is held
+/// in memory only once.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Light(Arc<Images>);
 
@@ -61,7 +61,7 @@ pub struct Environment {
     pub image: Light,
     /// The axis of the world that points up; determines the direction of every texel.
     pub up: Up,
-    /// The point where it was captured, if known.
+    /// The point where the light was captured, if known.
     pub origin: Option<DVec3>,
 }
 

@@ -176,7 +176,7 @@ impl Images {
         Self(vec![NamedImage { name: name.into(), picture: picture.into() }])
     }
 
-    /// Writes the set of one picture, as [`single`](Self::single) followed by `encode` does.
+    /// Encodes a set of one picture. The bytes are those of [`single`](Self::single) followed by `encode`.
     pub(super) fn encode_single<E: Encoding>(name: &str, image: &Image<E>, to: &mut Encoder) {
         to.u64(1);
         to.str(name);
@@ -253,7 +253,8 @@ impl Artifact for Images {
     }
 }
 
-/// The difference of two rasters of samples, in decibels (peak 1) and as the largest deviation.
+/// The difference between two rasters of samples: the PSNR in decibels, for a peak of 1, and the largest deviation
+/// with its position.
 pub(crate) fn samples_difference(
     name: &str,
     size: (usize, usize, usize),

@@ -29,9 +29,9 @@ pub struct Panorama {
 pub enum Taken {
     /// Derived from the gain map: sRGB, clipped to 1.
     Derived,
-    /// Photographs with display colours, clipped to 1: their codes use the curve of the panorama.
+    /// Photographs in display colours, clipped to 1, encoded with the same transfer curve as the panorama.
     Display,
-    /// Photographs with linear light, in sRGB codes: values above 1 are possible, and nothing is clipped.
+    /// Photographs in linear light, stored as sRGB codes. Values may exceed 1, and nothing is clipped.
     Linear,
 }
 

@@ -217,7 +217,7 @@ impl Artifact for Views {
     }
 }
 
-/// A colour image of these samples, in the encoding of the splats.
+/// A colour picture made of these samples, marked with the encoding of the splats.
 pub(crate) fn tagged(
     encoding: SplatEncoding,
     width: usize,

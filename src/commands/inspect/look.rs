@@ -124,8 +124,8 @@ pub(super) fn of_splats(file: &Path, cameras: Option<&Path>) -> Result<Drawn, No
     Ok((png, lines))
 }
 
-/// Draws a mesh, or an object with its base colours. Up is the axis defined by the format or, without a definition,
-/// the normal of the estimated floor.
+/// Draws a mesh, or an object with its base colours. Up is the axis that the format defines. If it defines none, up
+/// is the normal of the estimated floor.
 pub(super) fn of_mesh(mesh: &Mesh, declared: Option<Up>) -> Result<Drawn, NodeError> {
     let measured = level::of_mesh(mesh, None).filter(LevelEstimate::is_sure);
     let axis = measured.as_ref().and_then(LevelEstimate::axis);

@@ -1,4 +1,4 @@
-//! Texts of what a comparison found: what was measured, what is likely off, and what to write.
+//! Texts of the findings of a comparison: the measurement, the probable cause, and how to change the graph.
 
 use engine::Graph;
 use glam::DVec3;
@@ -9,7 +9,7 @@ use nodes::types::frame::{Similarity, world_from_gltf};
 
 use super::{Pair, above};
 
-/// The texts of a pair of splats and mesh.
+/// The findings about a pair of splats and mesh, as texts.
 pub fn texts(graph: &Graph, pair: &Pair, found: &Comparison) -> Vec<super::Finding> {
     let name = |node: usize| graph.nodes[node].id.as_str();
     let (splats, mesh) = (name(pair.splats.node), name(pair.mesh.node));
@@ -61,7 +61,7 @@ pub fn texts(graph: &Graph, pair: &Pair, found: &Comparison) -> Vec<super::Findi
     found.findings().into_iter().map(text).collect()
 }
 
-/// Where parts are and how large they are.
+/// Describes regions of a view: their share of its pixels, and the position of the largest region.
 fn place(regions: &Regions) -> String {
     let views = if regions.view.is_empty() {
         "the views around the object".to_owned()
@@ -72,7 +72,7 @@ fn place(regions: &Regions) -> String {
     format!("{percent:.1} % of the pixels of {views}, the largest near {}", vector(regions.at))
 }
 
-/// The transform at which splats and mesh agree, and the parameter that applies it.
+/// Describes the transform with which splats and mesh agree best, and the parameter that applies it.
 fn moved(graph: &Graph, pair: &Pair, best: &Moved) -> String {
     let (by, wire, input, kind, what) = match best.likely {
         Likely::Mesh => (best.by, pair.mesh, "mesh", "load-mesh", "mesh"),
@@ -103,14 +103,14 @@ fn moved(graph: &Graph, pair: &Pair, best: &Moved) -> String {
     format!("{} they agree to {percent:.0} %: likely the {what} is off; {advice}", change(&by, what, best))
 }
 
-/// True if two transforms are the same to the accuracy of the search.
+/// True if the rotations are equal, the scales differ by less than the search can resolve, and `b` has no offset.
 fn near(a: &Similarity, b: &Similarity) -> bool {
     let off = a.rotation - b.rotation;
     let turned = off.x_axis.length().max(off.y_axis.length()).max(off.z_axis.length());
     turned < 1e-6 && (a.scale / b.scale - 1.0).abs() < 0.03 && b.offset.length() < 1e-9
 }
 
-/// A transform in words.
+/// Describes a transform in words.
 fn change(by: &Similarity, what: &str, best: &Moved) -> String {
     let mut parts = Vec::new();
     if (by.scale - 1.0).abs() > 1e-9 {
@@ -129,7 +129,7 @@ fn change(by: &Similarity, what: &str, best: &Moved) -> String {
     format!("with the {what} {}", parts.join(" and "))
 }
 
-/// The numbers of a matrix as a graph writes them.
+/// Formats a matrix as a graph file writes it.
 fn rows(by: &Similarity) -> String {
     let smallest = 1e-9 * by.scale.max(by.offset.length());
     let one = |value: &f64| if value.abs() < smallest { "0.0".to_owned() } else { digits(*value, 6) };
@@ -142,7 +142,7 @@ fn vector(v: DVec3) -> String {
     format!("({x}, {y}, {z})")
 }
 
-/// A number with this many significant digits, and a decimal point.
+/// Formats a number with this many significant digits and a decimal point.
 fn digits(value: f64, count: usize) -> String {
     let mut decimals = count;
     let mut size = value.abs();

@@ -1,4 +1,4 @@
-//! Splats in front of an inserted object, by the pictures of a run.
+//! Detection of splats in front of an inserted object, from the pictures of a run.
 
 use std::collections::BTreeSet;
 
@@ -8,13 +8,15 @@ use nodes::types::{Images, Picture};
 
 use super::{Finding, of_kind, wires};
 
-/// Maximum number of compared pairs of a picture of splats and a trace. Only the first view of each is compared.
+/// Maximum number of compared pairs, each of a picture of splats and a trace. Only the first view of each is
+/// compared.
 const MOST_PAIRS: usize = 4;
-/// Minimum share of the pixels of an object at which splats in front of it are reported. Splats are wider than the
-/// mesh that they agree with: along the edge of a post before an object they covered 11 % of it.
+/// Minimum fraction of an object's pixels that must be behind splats for a report. Correct splats cover less: they
+/// extend a little beyond the mesh, so those of a post that the object stands behind covered 11 % of the object.
 const LEAST: f64 = 0.2;
 
-/// Compares each picture of splats with each trace of the same cameras, if this run computed one of them.
+/// Compares the pairs of a picture of splats and a trace with the same cameras, if this run computed at least one
+/// of the two.
 pub fn findings(engine: &Engine, graph: &Graph, ran: &BTreeSet<String>) -> Vec<Finding> {
     let is_new = |node: usize| ran.contains(graph.nodes[node].id.as_str());
     let new = pairs(graph).into_iter().filter(|&(splats, trace)| is_new(splats) || is_new(trace));

@@ -18,7 +18,7 @@ use super::wires;
 const MOST_PLACES: usize = 2;
 /// Maximum number of rigs and of objects of a place.
 const MOST_INPUTS: usize = 3;
-/// Kinds that make the mesh of a place from its splats, so that it cannot be elsewhere.
+/// Kinds that make the mesh of a place from its splats. Such a mesh is always in the same place as the splats.
 const MADE_OF_SPLATS: [&str; 2] = ["extract-mesh", "plane"];
 
 /// Finding: its id, and its text with the names of the nodes.
@@ -57,7 +57,7 @@ fn is_made_of_splats(graph: &Graph, mesh: usize) -> bool {
     above(graph, mesh, "mesh").any(|node| MADE_OF_SPLATS.contains(&graph.nodes[node].kind.name))
 }
 
-/// A node and those above it along the first wire of an input.
+/// A node, followed by the nodes upstream of it along the first wire of the input `input`.
 fn above<'a>(graph: &'a Graph, node: usize, input: &'a str) -> impl Iterator<Item = usize> + 'a {
     std::iter::successors(Some(node), move |&node| wires(graph, node, input).first().map(|wire| wire.node))
 }
@@ -116,7 +116,7 @@ fn of_pair(engine: &Engine, graph: &Graph, pair: &Pair) -> Option<Comparison> {
     compare(&place, &super::splats::context(up)).ok()?
 }
 
-/// Middle of the box around an object in the world.
+/// Centre of the bounding box of an object, in the world.
 fn middle(placed: &Placed) -> Option<DVec3> {
     let all = corners(placed).map(|p| (p, p)).reduce(|(low, high), (p, _)| (low.min(p), high.max(p)));
     all.map(|(low, high)| (low + high) * 0.5)

@@ -47,7 +47,7 @@ pub struct Element {
     pub stride: usize,
     /// Names and positions of the fields, in order.
     pub fields: Vec<(String, Field)>,
-    /// Start of the rows in the file; `None` after rows of varying length.
+    /// Start of the rows in the file; `None` if an earlier element has rows of varying length.
     start: Option<usize>,
     varies: bool,
 }
@@ -58,7 +58,7 @@ impl Element {
         self.fields.iter().find(|(known, _)| known == name).map(|(_, field)| *field)
     }
 
-    /// The bytes of the rows. If the file is too short, the error has the number of rows that it holds.
+    /// The bytes of the rows. If the file is too short, the error states how many rows it holds.
     pub fn rows<'a>(&self, file: &str, bytes: &'a [u8]) -> Result<&'a [u8], Error> {
         let Some(start) = self.start.filter(|_| !self.varies) else {
             let feature = format!("a list property in or before the element `{}`", self.name);
@@ -82,9 +82,9 @@ impl Element {
 pub struct FixedRows {
     /// The elements, in order.
     pub elements: Vec<Element>,
-    /// End of the last row; `None` after rows of varying length.
+    /// End of the last row; `None` if an element has rows of varying length.
     pub end: Option<usize>,
-    /// Comment lines without the word `comment`.
+    /// Text of each comment line of the header, with the leading keyword removed.
     pub comments: Vec<String>,
 }
 

@@ -104,8 +104,8 @@ impl Turn {
     }
 }
 
-/// The quaternion (w, x, y, z) of a rotation. Of four equivalent formulas, the one with the largest result is used,
-/// which avoids division by the root of a small difference.
+/// The quaternion (w, x, y, z) of a rotation. Of four equivalent formulas, the one with the largest divisor is
+/// used, since the others lose precision to cancellation.
 pub fn quaternion(m: DMat3) -> [f64; 4] {
     let (x, y, z) = (m.x_axis, m.y_axis, m.z_axis);
     let squares =

@@ -231,7 +231,7 @@ impl Document {
     }
 }
 
-/// Loads a GLB file, or JSON with `fetch` for external files.
+/// Loads a GLB file, or glTF as JSON, in which case `fetch` reads the external files.
 pub(super) fn load(
     file: &str,
     bytes: &[u8],

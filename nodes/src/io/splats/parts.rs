@@ -31,9 +31,9 @@ fn all_finite(values: &[f32]) -> bool {
     values.iter().fold(0, |most, value| (value.to_bits() & 0x7fff_ffff).max(most)) < 0x7f80_0000
 }
 
-/// Reads `count` rows in parallel with `read(index, sh)`, which appends the colour of a row; for a row with an
-/// error it may leave a partial colour. `first` is the index of the first row in the file. With `plain`, only the first
-/// triple of each colour is kept.
+/// Reads `count` rows in parallel with `read(index, sh)`, which appends the colour of a row to `sh`. If it returns
+/// an error, the colour may be incomplete and is removed. `first` is the index of the first row in the file. With
+/// `plain`, only the first triple of each colour is kept.
 pub fn read_rows(
     first: usize,
     count: usize,

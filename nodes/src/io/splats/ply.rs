@@ -17,7 +17,7 @@ use crate::io::ply::{self, Scalar};
 
 /// The constant colour of a row.
 enum Colour {
-    /// Coefficients of the constant function.
+    /// Coefficients of the constant spherical harmonic.
     Coefficients([Field; 3]),
     /// Display colours, and the factor that maps white to 1.
     Display([Field; 3], f64),
@@ -40,7 +40,7 @@ struct Layout {
     colour: Colour,
     /// Fields of the coefficients of degree 1 and above, in the order of the file: channel by channel.
     rest: Vec<Field>,
-    /// Start of these fields in the row, if they are consecutive 32-bit floats.
+    /// Start of the fields `rest` in the row, if they are consecutive 32-bit floats.
     rest_run: Option<usize>,
     opacity: Field,
     /// Fields of the scales; only two in files of 2DGS, whose splats have no thickness.

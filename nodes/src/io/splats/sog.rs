@@ -1,6 +1,6 @@
-//! SOG (PlayCanvas, splat-transform `write-sog.ts` and `read-sog-v1.ts`): `meta.json` and lossless WebP pictures,
-//! one pixel per splat, next to it or in one ZIP archive. Version 2 has codebooks, version 1 evenly spaced values
-//! between bounds; both are converted to tables of 256 entries.
+//! SOG (PlayCanvas, splat-transform `write-sog.ts` and `read-sog-v1.ts`): `meta.json` and lossless WebP pictures
+//! with one pixel per splat, in one folder or in one ZIP archive. Version 2 has codebooks, version 1 evenly spaced
+//! values between bounds; both are converted to tables of 256 entries.
 
 use std::path::{Component, Path};
 

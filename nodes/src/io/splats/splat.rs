@@ -11,8 +11,8 @@ use crate::error::Error;
 /// Bytes per splat.
 const ROW: usize = 32;
 
-/// True if the bytes can be such a file, even a truncated one: there is at least one row, and at least half of the
-/// first rows have finite numbers and sizes that are not negative. A first coordinate below 1e-38 indicates the
+/// True if the bytes can be a `.splat` file, even a truncated one: there is at least one row, and at least half of
+/// the first rows have finite numbers and sizes that are not negative. A first coordinate below 1e-38 indicates the
 /// header of another format.
 pub(super) fn is_splat(bytes: &[u8]) -> bool {
     if f32_at(bytes, 0).is_subnormal() {

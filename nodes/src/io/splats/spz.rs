@@ -33,7 +33,8 @@ const EXTENSIONS: usize = 1 << 20;
 /// same limit. In captures, the number is at most 3.
 const ZSTD_RATIO: f64 = 1024.0;
 
-/// Factor from a coefficient of the constant colour to its stored value, where the largest byte is 1.
+/// Factor by which the coefficients of the constant colour are multiplied before they are stored. A stored byte of
+/// 255 stands for 1.
 pub(crate) const COLOUR_SCALE: f64 = 0.15;
 /// Type of the extension that defines the axes.
 const COORDINATE_SYSTEM: u32 = 0xadbe_0003;
@@ -221,8 +222,8 @@ fn rotation_8(bytes: [u8; 3]) -> [f64; 4] {
     largest_left_out(0, bytes.map(|b| f64::from(b) / 127.5 - 1.0))
 }
 
-/// Loads a file. `local` is given for SPZ data within glTF: the transform of its node, if it has one. This replaces
-/// the transform that follows from the axes of the file.
+/// Loads a file. `local` is given for SPZ data within glTF: the transform of its node, if it has one. If given, it
+/// replaces the transform that follows from the axes of the file.
 pub(super) fn load(
     file: &str,
     bytes: &[u8],

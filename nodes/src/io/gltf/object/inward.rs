@@ -23,7 +23,8 @@ struct Part {
     middle: DVec3,
     /// Sum of the area vectors.
     vector: DVec3,
-    /// Sum over triangles of area times the height of the triangle's plane over the middle of the part.
+    /// Sum over triangles of area times the signed distance of the triangle's plane from the middle of the part,
+    /// positive if the triangle faces away from the middle.
     height: f64,
     /// Sum over triangles of area times distance from the middle of the part.
     distance: f64,

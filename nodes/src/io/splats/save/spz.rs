@@ -15,8 +15,8 @@ use crate::types::Splats;
 /// Number of fraction bits, if the size of the scene permits: a step is 1/65536 of a unit. The reference always
 /// writes 12.
 const FRACTION_BITS: u32 = 16;
-/// Number of fraction bits for a scene of small splats. The shortest axis that the format can store, e^-10, is then
-/// 24 steps.
+/// Maximum number of fraction bits, for a scene of small splats. The shortest axis that the format can store,
+/// e^-10, is then 24 steps.
 const MOST_FRACTION_BITS: u32 = 19;
 /// Largest signed 24-bit integer.
 const LARGEST: f64 = 8_388_607.0;

@@ -110,7 +110,7 @@ impl<'a> Geometry<'a> {
         Ok(primitives)
     }
 
-    /// Visits nodes below `starts`, parents first and children in order, and fills `world`.
+    /// Visits `starts` and all nodes below them, parents first and children in order, and fills `world`.
     fn walk(&mut self, starts: Vec<Node<'a>>, mut visit: impl FnMut(Node<'a>)) -> Result<(), Error> {
         let mut seen = vec![false; self.world.len()];
         let mut stack: Vec<(Node<'a>, DMat4)> =
