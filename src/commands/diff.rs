@@ -95,10 +95,8 @@ fn files_difference(a: &Files, b: &Files) -> Difference {
     }
     match only_recipes {
         0 => Difference::none(),
-        1 => Difference::of("the pixels are equal; the recipe in the file is not"),
-        n => {
-            Difference::of(format!("the pixels of {n} pictures are equal; the recipes in the files are not"))
-        }
+        1 => Difference::of("the pixels are equal, but the recipes in the files differ"),
+        n => Difference::of(format!("the pixels of {n} pictures are equal, but their recipes differ")),
     }
 }
 
@@ -253,9 +251,10 @@ impl Diff {
         for node in &came.unequal {
             let word = if node.first { "first" } else { "then" };
             for (output, difference) in &node.outputs {
-                let how = difference
-                    .as_ref()
-                    .map_or("different content (the values are not kept on both sides)", |d| &d.summary);
+                let how = difference.as_ref().map_or(
+                    "different content (at least one of the values is no longer in the cache)",
+                    |d| &d.summary,
+                );
                 lines.add(&node.id, format!("{word:<5} {}.{output}: {how}", node.id));
             }
         }

@@ -61,7 +61,7 @@ impl Pack {
         ))?;
         if !packed.unknown.is_empty() {
             let nodes = packed.unknown.join(", ");
-            remark(&format!("warning: {nodes} have no known result; run the graph first"));
+            remark(&format!("warning: no result is known for {nodes}; run the graph first"));
         }
         if !packed.gone.is_empty() {
             let nodes = packed.gone.join(", ");

@@ -92,8 +92,8 @@ impl GraphArgs {
     pub fn load_to_turn(&self) -> Result<Loaded, Error> {
         if is_picture(&self.graph) {
             terminal::remark(
-                "the recipe of a picture lacks the presets of its graph and has other node names, so these settings fit \
-                 the picture and not the graph",
+                "the recipe of a picture lacks the presets of the original graph and has other node names, so the settings \
+                 below apply to the picture, not to that graph",
             );
         }
         self.load()

@@ -69,7 +69,7 @@ pub fn find(graph: &Graph, name: &str) -> Result<usize, Error> {
         [node] => Ok(*node),
         nodes => {
             let names = nodes.iter().map(|&node| graph.nodes[node].id.clone());
-            Err(Error::usage(format!("`{name}` is several nodes; name one of {}", list(names))))
+            Err(Error::usage(format!("`{name}` names several nodes; choose one of {}", list(names))))
         }
     }
 }

@@ -137,7 +137,7 @@ impl Origin {
         let other = recipe.other_kinds(&registry);
         if !other.is_empty() && !args.other_versions {
             return Err(Error::usage(format!(
-                "`{}` cannot be made again here:\n{}\n`--other-versions` runs it anyway; the picture may differ",
+                "`{}` cannot be reproduced here:\n{}\n`--other-versions` runs it anyway; the picture may differ",
                 path.display(),
                 other.join("\n")
             )));

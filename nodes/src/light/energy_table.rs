@@ -158,10 +158,14 @@ impl EnergyTable {
         ];
         rows.extend((0..self.lights.len()).map(|i| {
             let values = self.steps.iter().map(|(.., facing)| facing[i]).collect();
-            row(format!("irradiance facing light {}", i + 1), values)
+            row(format!("irradiance from light {} on a plane that faces it", i + 1), values)
         }));
         let names = std::iter::once("").chain(self.steps.iter().map(|(name, ..)| *name));
-        let places = ["azimuth (deg, clockwise from forward)", "elevation (deg)", "radius counted (deg)"];
+        let places = [
+            "azimuth (deg, clockwise from forward)",
+            "elevation (deg)",
+            "counted up to this angle from the centre (deg)",
+        ];
         [
             Table::new("lights", places, self.lights.iter().map(place).collect()),
             Table::new("steps", names, rows),

@@ -119,7 +119,9 @@ pub(crate) fn check_width(width_px: u32) -> Result<(), NodeError> {
     if width_px.is_multiple_of(2) {
         return Ok(());
     }
-    Err(NodeError::new(format!("a panorama of {width_px} px has no integer height"))
-        .at("width_px")
-        .hint("use an even number"))
+    Err(NodeError::new(format!(
+        "a panorama with an odd width of {width_px} px has no whole height, which is half its width"
+    ))
+    .at("width_px")
+    .hint("use an even number"))
 }

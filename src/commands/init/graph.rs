@@ -208,7 +208,7 @@ pub fn text(survey: &Survey) -> String {
     }
     line("");
     line(
-        "        // The light at the object: six views become a panorama, and the light that clipping hid is predicted.",
+        "        // The light at the object: six views become a panorama, and the light lost to clipping is predicted.",
     );
     line(&format!(
         "        probe:  CubeRig(at: \"stands\", height_metres: {}, size_px: 256),",
@@ -236,7 +236,7 @@ pub fn text(survey: &Survey) -> String {
     line(
         "        shadow: ShadowRatio(without: \"clean.without\", with: \"clean.with\", gamma: 0.8, s_min: 0.05, lambda: 1.0),",
     );
-    line("        // What stands before the object in the splats and not in the mesh covers it.");
+    line("        // Surfaces in front of the object that only the splats have are drawn over it.");
     line(&format!(
         "        front:  SplatRender(splats: \"scene\", rig: \"camera\", limit: \"trace.nearest\"{near}),"
     ));

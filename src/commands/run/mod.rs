@@ -84,7 +84,7 @@ impl Run {
             let chosen;
             (loaded, chosen) = budget::to_error(loaded, error)?;
             if !chosen.is_empty() {
-                let why = "with an error bound, the maximum is the number of samples of the graph, not of its preset";
+                let why = "with an error bound, the maximum number of samples is that of the graph, not that of a preset";
                 self.print_chosen(json!({"max_error": error}), &chosen, why);
             }
         }

@@ -17,15 +17,15 @@ pub fn texts(graph: &Graph, pair: &Pair, found: &Comparison) -> Vec<super::Findi
     let text = |finding: Finding| match finding {
         Finding::Elsewhere => {
             let measured = format!(
-                "the depths of the splats `{splats}` and of the mesh `{mesh}` agree to {percent:.0} % (at {} points in the \
-                 views and around the object)",
+                "the depths of the splats `{splats}` and of the mesh `{mesh}` agree at {percent:.0} % of {} points in the \
+                 views and around the object",
                 found.points
             );
             let text = match &found.best {
                 Some(best) => format!("{measured}; {}", moved(graph, pair, best)),
                 None => format!(
-                    "{measured}, and no factor, turn and shift of the mesh was found at which they do: check that both \
-                     are of the same place, or wire `ExtractMesh` in place of the mesh"
+                    "{measured}, and no scale, rotation and translation of the mesh was found with which they agree: check \
+                     that both show the same place, or wire `ExtractMesh` in place of the mesh"
                 ),
             };
             ("mesh-elsewhere", text)
@@ -34,25 +34,25 @@ pub fn texts(graph: &Graph, pair: &Pair, found: &Comparison) -> Vec<super::Findi
             let [shown, known] = found.visible.unwrap_or_default().map(|share| 100.0 * share);
             let cameras: Vec<String> = pair.rigs.iter().map(|rig| format!("`{}`", name(rig.node))).collect();
             let text = format!(
-                "the views of {} show splats at {shown:.1} % and the mesh at {known:.1} % of their pixels, and both agree to \
-                 {percent:.0} % around the object: likely the cameras are off; `matrix` or `dataparser` of `LoadCameras` \
-                 transforms them to the frame of the splats",
+                "the views of {} show splats in {shown:.1} % and the mesh in {known:.1} % of their pixels, although the two agree \
+                 at {percent:.0} % of the points around the object: the cameras are probably misplaced; `matrix` or \
+                 `dataparser` of `LoadCameras` transforms them to the frame of the splats",
                 cameras.join(", ")
             );
             ("cameras-elsewhere", text)
         }
         Finding::Debris => {
             let text = format!(
-                "parts of the mesh `{mesh}` float in front of what the splats `{splats}` show, at {}: they throw shadows and \
-                 hide the object; remove them from the mesh, or wire `ExtractMesh` in its place",
+                "parts of the mesh `{mesh}` float in front of the surfaces that the splats `{splats}` show, at {}: these parts \
+                 cast shadows and hide the object; remove them from the mesh, or wire `ExtractMesh` in its place",
                 place(&found.debris)
             );
             ("mesh-debris", text)
         }
         Finding::Missing => {
             let text = format!(
-                "the mesh `{mesh}` lacks surfaces that the splats `{splats}` show, at {}: they receive no shadow and reflect \
-                 no light; use a mesh that has them, or wire `ExtractMesh` in its place",
+                "the mesh `{mesh}` lacks surfaces that the splats `{splats}` show, at {}: these surfaces receive no shadow \
+                 and reflect no light; use a mesh that has them, or wire `ExtractMesh` in its place",
                 place(&found.missing)
             );
             ("mesh-incomplete", text)
@@ -100,7 +100,10 @@ fn moved(graph: &Graph, pair: &Pair, best: &Moved) -> String {
         }
         _ => format!("transform the {what} by the matrix {}", rows(&by)),
     };
-    format!("{} they agree to {percent:.0} %: likely the {what} is off; {advice}", change(&by, what, best))
+    format!(
+        "{} they agree at {percent:.0} %: the {what} is probably misplaced; {advice}",
+        change(&by, what, best)
+    )
 }
 
 /// True if the rotations are equal, the scales differ by less than the search can resolve, and `b` has no offset.
@@ -121,7 +124,7 @@ fn change(by: &Similarity, what: &str, best: &Moved) -> String {
         let axis = DVec3::new(r.y_axis.z - r.z_axis.y, r.z_axis.x - r.x_axis.z, r.x_axis.y - r.y_axis.x);
         let about =
             if axis.length() > 1e-6 { format!(" about {}", vector(axis.normalize())) } else { String::new() };
-        parts.push(format!("turned by {:.0} degrees{about}", best.turn_deg));
+        parts.push(format!("rotated by {:.0} degrees{about}", best.turn_deg));
     }
     if by.offset != DVec3::ZERO {
         parts.push(format!("shifted by {}", vector(by.offset)));

@@ -24,9 +24,9 @@ pub fn findings(engine: &Engine, graph: &Graph, ran: &BTreeSet<String>) -> Vec<F
         let share = of_pair(engine, graph, splats, trace).filter(|share| *share >= LEAST)?;
         let [a, b] = [splats, trace].map(|node| &graph.nodes[node].id);
         let text = format!(
-            "`{a}` and `{b}`: splats are in front of the object at {:.0} % of its pixels, where the mesh of the place has \
-             nothing: the object is drawn over them. To draw them over the object, wire `{b}.nearest` to `limit` of a \
-             second `SplatRender`, and that to `front` of `Composite`",
+            "`{a}` and `{b}`: at {:.0} % of the object's pixels, splats are in front of the object where the mesh of the \
+             place has no surface, so the object is drawn over them. To draw them over the object, wire `{b}.nearest` to \
+             `limit` of a second `SplatRender`, and the colour of this render to `front` of `Composite`",
             100.0 * share
         );
         Some(("splats-before-object", text))

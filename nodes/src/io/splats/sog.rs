@@ -293,7 +293,7 @@ pub(super) fn load_bundle(
     }
     if file.to_ascii_lowercase().ends_with(".usdz") {
         return Err(
-            Error::unsupported(file, "USDZ; unpack it, and save what is inside as text, `.usda`").into()
+            Error::unsupported(file, "USDZ; unpack it, and save its contents as text, `.usda`").into()
         );
     }
     let Some(name) = archive.find("meta.json") else {

@@ -167,15 +167,15 @@ pub(super) fn turn(
     let closed = turned.iter().filter(|turned| **turned).count();
     if open > 0 {
         let text = format!(
-            "the faces of {open} open parts look inwards: they are black from outside, since their material is single-sided; \
-             reverse them in the program that made them, or make the material double-sided"
+            "faces of open parts look inwards (parts: {open}): they are black from outside, since their material is \
+             single-sided; reverse them in the program that made them, or make the material double-sided"
         );
         notes.warning("faces-inwards", text);
     }
     if closed == 0 {
         return Ok(());
     }
-    let text = format!("the faces of {closed} closed parts looked inwards and were turned outwards");
+    let text = format!("faces of closed parts looked inwards and were turned outwards (parts: {closed})");
     notes.decision("faces-turned", text);
     for (primitive, &start) in primitives.iter_mut().zip(&starts) {
         let mut facing = vec![0.0_f64; primitive.positions.len()];

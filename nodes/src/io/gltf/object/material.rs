@@ -88,7 +88,7 @@ impl<'a> Materials<'a> {
         let lamps = lamps.filter(|node| node["extensions"].get("KHR_lights_punctual").is_some()).count();
         if lamps > 0 {
             let text = format!(
-                "KHR_lights_punctual is left out ({lamps} of them): {}",
+                "KHR_lights_punctual is left out (lights: {lamps}): {}",
                 effect("KHR_lights_punctual")
             );
             notes.degraded("lights-ignored", text);

@@ -100,7 +100,7 @@ impl<'a> Geometry<'a> {
             let t = &self.tally;
             let why = match (t.without_area, t.points_and_lines) {
                 (0, 0) => String::new(),
-                (0, n) => format!(", but points or lines in {n} primitives"),
+                (0, n) => format!(", only points or lines (primitives: {n})"),
                 (n, _) => format!(
                     " with an area: {n} triangles are too small for the precision of the coordinates, or are not finite"
                 ),
