@@ -21,8 +21,9 @@ use crate::terminal;
 /// Shows how two graphs differ, in their text and in their results.
 ///
 /// Each side is a graph file, a bundle or a picture that carries its recipe. The results of a graph are looked up
-/// in the cache, those of a bundle in the bundle. Two pictures are compared by their recipes and their pixels;
-/// intermediate results only with `--inputs`. `--set-b` or `--cache-b` compare two runs of one graph.
+/// in the cache, those of a bundle in the bundle. Two pictures are compared by their recipes and their pixels; with
+/// `--inputs`, their intermediate results are compared as well. `--set-b` or `--cache-b` compare two runs of one
+/// graph.
 #[derive(Debug, Args)]
 pub struct Diff {
     /// The first graph, bundle or picture
@@ -32,7 +33,7 @@ pub struct Diff {
     /// Set one field of the second graph: node.field=value
     #[arg(long, value_name = "NODE.FIELD=VALUE")]
     set_b: Vec<String>,
-    /// The cache of the second graph, if it differs from that of the first
+    /// The cache of the second graph, if it is not the cache of the first
     #[arg(long, value_name = "DIR")]
     cache_b: Option<PathBuf>,
     #[command(flatten)]
@@ -41,8 +42,8 @@ pub struct Diff {
     engine: EngineArgs,
 }
 
-/// The pixels of a picture, or the channels of an OpenEXR file that has no colour picture. An error is the reason
-/// why the file cannot be read.
+/// The pixels of a picture, or the channels of an OpenEXR file that has no colour picture. The error states why the
+/// file cannot be read.
 fn pixels(path: &Path) -> Result<Arc<Images>, String> {
     let whole = path.canonicalize().map_err(|error| error.to_string())?;
     let file = InputFile(whole.to_str().ok_or("its path is not UTF-8")?.to_owned());

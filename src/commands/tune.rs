@@ -33,7 +33,7 @@ pub struct Tune {
     /// changes without covering them
     #[arg(long, value_name = "METRIC=VALUE", conflicts_with_all = ["max_seconds", "max_work"])]
     max_error: Option<String>,
-    /// Find the least error with at most this many CPU seconds of node code, as measured when it ran
+    /// Find the least error with at most this many CPU seconds of node code, as measured when each node last ran
     #[arg(long, value_name = "SECONDS", conflicts_with = "max_work", allow_negative_numbers = true)]
     max_seconds: Option<f64>,
     /// Find the least error with at most this much work, in rays (other counts are weighted as rays)

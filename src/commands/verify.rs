@@ -73,7 +73,9 @@ impl Verify {
                     let how = difference.as_ref().map_or("its value is not in the bundle", |d| &d.summary);
                     format!("differs   {id}.{output}: {how}\n")
                 }
-                Verdict::OtherInputs => format!("unlike    {id}: its inputs differ\n"),
+                Verdict::OtherInputs => {
+                    format!("unlike    {id}: its inputs differ from those in the bundle\n")
+                }
                 Verdict::Failed if stopped => continue,
                 Verdict::Failed => format!("failed    {id}\n"),
             };

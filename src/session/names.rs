@@ -18,7 +18,7 @@ const FRAME: &str = "frame";
 /// Maximum number of names in a message.
 const MOST: usize = 40;
 
-/// The nodes of `--only` and `--frames`; an empty list if neither is given.
+/// The nodes that `--only` and `--frames` select; an empty list if neither is given.
 pub fn wanted(graph: &Graph, only: &[String], frames: Option<&str>) -> Result<Vec<usize>, Error> {
     if only.iter().any(|name| name.trim().is_empty()) {
         return Err(Error::usage("`--only` takes names of nodes separated by single commas"));

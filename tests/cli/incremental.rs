@@ -76,7 +76,7 @@ pub(crate) const OBJECT: &str = r#"{"asset":{"version":"2.0"},"scene":0,"scenes"
 "bufferViews":[{"buffer":0,"byteLength":36}],"buffers":[{"byteLength":36,
 "uri":"data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAAAAPwAAAAAAAAAAAAAAAAAAAD8AAAAA"}]}"#;
 
-/// A floor with a step of 3 cm, on which the object stands.
+/// A floor with a step 3 cm high, for an object that stands on the floor.
 const FLOOR: &str = "ply\nformat ascii 1.0\nelement vertex 8\nproperty float x\nproperty float y\nproperty float z\n\
     element face 4\nproperty list uchar int vertex_indices\nend_header\n-3 -3 0\n3 -3 0\n3 3 0\n-3 3 0\n\
     -0.1 -0.1 0.03\n0.1 -0.1 0.03\n0.1 0.1 0.03\n-0.1 0.1 0.03\n3 0 1 2\n3 0 2 3\n3 4 5 6\n3 4 6 7\n";

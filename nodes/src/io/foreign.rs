@@ -25,7 +25,7 @@ pub fn refuse_foreign(file: &str, bytes: &[u8]) -> Result<(), Error> {
     let what = if starts(b"version https://git-lfs.github.com/spec/")
         || starts(b"version https://hawser.github.com/")
     {
-        "a pointer of Git LFS, not the file itself; fetch it with `git lfs pull`"
+        "a Git LFS pointer, not the file itself; fetch it with `git lfs pull`"
     } else if let Some(brand) = bytes.get(4..12).and_then(|head| head.strip_prefix(b"ftyp")) {
         match brand {
             b"heic" | b"heix" | b"heim" | b"heis" | b"hevc" | b"mif1" | b"msf1" => {

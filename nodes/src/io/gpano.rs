@@ -4,7 +4,7 @@
 
 use crate::error::Error;
 
-/// Length of the part of a file that is searched, since metadata is stored before the picture.
+/// Number of bytes at the start of a file that are searched. Metadata is stored before the picture.
 pub const HEAD: usize = 1 << 20;
 
 /// Maximum length of the metadata in bytes: that of a JPEG segment, in which it is stored.
@@ -20,9 +20,9 @@ pub struct GPano {
     full: [f64; 2],
     /// Width and height of the part.
     part: [f64; 2],
-    /// Position of its upper left corner in the whole sphere.
+    /// Position of the upper left corner of the part in the whole sphere.
     at: [f64; 2],
-    /// Elevation of its centre above the horizon, and its roll, in degrees.
+    /// Elevation of the centre of the part above the horizon, and the roll of the part, in degrees.
     pub tilt: [f64; 2],
     /// `equirectangular`, unless the file has another value.
     pub projection: String,

@@ -248,7 +248,8 @@ mod tests {
         png::write(&raster, false, &[]).unwrap_or_else(|e| panic!("{e}"))
     }
 
-    /// PNGs of 8 and 16 bits, grey and with alpha, are premultiplied colour or data.
+    /// PNGs of 8 and 16 bits, grey and with alpha, are decoded to premultiplied colour or, if the encoding says so,
+    /// to data.
     #[test]
     fn pngs_are_premultiplied_colour_or_data() {
         let rgba = png_of(4, 255, vec![255, 51, 0, 51]);

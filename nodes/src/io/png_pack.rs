@@ -18,8 +18,8 @@ pub enum Packing {
     /// Makes small files: each row uses the filter whose bytes have the smallest sum of magnitudes. The deflate
     /// level is 6.
     Small,
-    /// Takes a tenth of the time and makes larger files: stores differences from the row above, deflated with a fixed
-    /// code.
+    /// Takes a tenth of the time and makes larger files: stores differences from the row above, deflated with a
+    /// fixed code.
     Fast,
 }
 

@@ -61,7 +61,7 @@ impl EnvResolution {
         }
     }
 
-    /// Adds a note if at most half of the columns are needed.
+    /// Adds a note if at most half of the columns of the environment are needed.
     pub(crate) fn report(&self, environment: &Environment, notes: &mut Notes) {
         let there = environment.image.width;
         if 2 * self.columns > there {

@@ -22,11 +22,12 @@ pub enum Sphere {
 /// Difference between a sphere in one light and the same sphere in the reference.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SphereError {
-    /// Root of the mean square error over pixels and channels, relative to the reference.
+    /// Root-mean-square difference over pixels and channels, divided by the root-mean-square value of the
+    /// reference.
     pub relative: f64,
-    /// Same as `relative`, after scaling by the factor that minimises the error.
+    /// Same as `relative`, after scaling the compared sphere by the factor that minimises the difference.
     pub scaled: f64,
-    /// Mean angle between colours as vectors, in degrees.
+    /// Mean angle between the colours of both spheres, taken as RGB vectors, in degrees.
     pub angle_deg: f64,
 }
 

@@ -105,7 +105,8 @@ pub(crate) fn light(name: &str, bytes: &[u8], notes: &mut Notes) -> Result<(usiz
     Ok((width, height, linear(name, picture)?))
 }
 
-/// Linear RGB of a picture of light, in the memory of the picture. Partly transparent pixels count by their alpha.
+/// Converts a picture of light to linear RGB, reusing its memory. Alpha is dropped and colours stay premultiplied,
+/// so a partly transparent pixel gives less light.
 pub(crate) fn linear(name: &str, picture: Picture) -> Result<Vec<f32>, Error> {
     let Picture::Linear(Image { width, height, channels, mut samples, .. }) = picture else {
         return Err(Error::format(

@@ -184,7 +184,7 @@ impl Images {
         image.encode(to);
     }
 
-    /// Returns the picture of a view: the one with that name, or the only one.
+    /// Returns the picture of a view: the picture with this name, or the only picture of the set.
     pub fn view(&self, name: &str) -> Option<&Picture> {
         let named = self.0.iter().find(|image| image.name == name);
         named.or(if self.0.len() == 1 { self.0.first() } else { None }).map(|image| &image.picture)

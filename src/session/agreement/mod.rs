@@ -14,14 +14,14 @@ use nodes::types::{Mesh, Placed, Rig, Splats};
 
 use super::wires;
 
-/// Maximum number of compared places, and of pairs of pictures, which bounds the time of the check.
+/// Maximum number of compared places, which bounds the time of the check.
 const MOST_PLACES: usize = 2;
-/// Maximum number of rigs and of objects of a place.
+/// Maximum number of rigs, and of objects, that are compared at a place.
 const MOST_INPUTS: usize = 3;
 /// Kinds that make the mesh of a place from its splats. Such a mesh is always in the same place as the splats.
 const MADE_OF_SPLATS: [&str; 2] = ["extract-mesh", "plane"];
 
-/// Finding: its id, and its text with the names of the nodes.
+/// A finding: its id, and its text, which names the nodes.
 pub type Finding = (&'static str, String);
 
 /// Splats and a mesh that are rendered together.
@@ -33,9 +33,9 @@ struct Pair {
     objects: Vec<Wire>,
 }
 
-/// Checks the places of a graph whose splats, mesh or cameras this run computed: `ran` holds the names of the nodes
-/// that ran. Findings about cached results were reported by the run that computed them. Values that are not in the
-/// cache are left out.
+/// Checks the places of a graph whose splats, mesh or cameras this run computed. `ran` holds the names of the nodes
+/// that ran. Findings about cached results were reported by the run that computed them. A place is left out if its
+/// values are not in the cache.
 pub fn findings(engine: &Engine, graph: &Graph, ran: &BTreeSet<String>) -> Vec<Finding> {
     let is_new = |wire: &Wire| ran.contains(graph.nodes[wire.node].id.as_str());
     let mut found = Vec::new();

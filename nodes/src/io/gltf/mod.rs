@@ -53,7 +53,7 @@ pub const SUPPORTED: [&str; 19] = [
     "KHR_xmp",
 ];
 
-/// Advice about unsupported extensions.
+/// Advice on how to save a file without an unsupported extension.
 fn advice(extension: &str) -> &'static str {
     match extension {
         "KHR_draco_mesh_compression" => ": Draco compression; save the file without it",

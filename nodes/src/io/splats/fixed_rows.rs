@@ -69,7 +69,7 @@ impl Element {
             let (count, stride, total) = (self.count, self.stride, bytes.len());
             let held = total.saturating_sub(start) / stride.max(1);
             let what = format!(
-                "the header promises {count} rows `{}` of {stride} bytes, but the file holds {held} ({total} bytes)",
+                "the header promises {count} rows of `{}` with {stride} bytes each, but the file holds {held} ({total} bytes)",
                 self.name
             );
             Error::format(file, what)

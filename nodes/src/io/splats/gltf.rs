@@ -161,7 +161,7 @@ pub(super) fn chunks<'a>(file: &str, bytes: &'a [u8]) -> Result<(&'a [u8], Optio
     Ok((json, (&head[4..8] == b"BIN\0").then_some(binary)))
 }
 
-/// A use of a primitive, with its transform.
+/// A primitive with the transform of a node that uses it.
 struct Use<'a> {
     primitive: &'a Primitive,
     splatting: Splatting,

@@ -93,7 +93,7 @@ impl Reading<'_> {
         (all != Similarity::IDENTITY).then_some(all)
     }
 
-    /// Like [`world`](Self::world), as a transform of rows.
+    /// Like [`world`](Self::world), but returns a transform that applies to rows.
     fn turn(&self, file: &str, declared: Option<Up>, metres: bool, notes: &mut Notes) -> Option<Turn> {
         let Similarity { rotation, scale, offset } = self.world(file, declared, metres, notes)?;
         Some(Turn::new(rotation, scale, offset))

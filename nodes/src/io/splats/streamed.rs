@@ -13,7 +13,7 @@ use crate::io::foreign::json_text;
 /// Name of the file that describes a streamed scene.
 pub(super) const NAME: &str = "lod-meta.json";
 
-/// Ranges of rows, ascending, not overlapping: start and end.
+/// Ranges of rows, each as (start, end), ascending and without overlap.
 pub(crate) type Ranges = Vec<(usize, usize)>;
 
 #[derive(Deserialize)]
