@@ -29,8 +29,8 @@ pub struct Tune {
     #[command(flatten)]
     engine: EngineArgs,
     /// Find the least work with at most this error, such as flip=0.02, psnr=40 or touched.rmse=0.01; `touched.`
-    /// counts only the pixels that the object changes, `object.` those that it covers, `shadow.` those that it
-    /// changes without covering them
+    /// counts only pixels that the object changes, `object.` only pixels that it covers, `shadow.` only pixels that
+    /// it changes but does not cover
     #[arg(long, value_name = "METRIC=VALUE", conflicts_with_all = ["max_seconds", "max_work"])]
     max_error: Option<String>,
     /// Find the least error with at most this many CPU seconds of node code, as measured when each node last ran

@@ -1,4 +1,4 @@
-//! The reasons why nodes run, in words, back to the first cause.
+//! Describes why nodes run, back to the first cause.
 
 use std::collections::BTreeMap;
 

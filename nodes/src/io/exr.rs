@@ -44,7 +44,7 @@ pub struct Planes {
     pub part: String,
     /// Names of all flat parts that have one.
     pub part_names: Vec<String>,
-    /// The layer within the part.
+    /// Name of the layer within the part; empty for channels whose names have no layer.
     pub layer: String,
     /// True if the data window differs from the display window.
     pub cropped: bool,
@@ -146,7 +146,7 @@ pub struct Opened<'a> {
     meta: MetaData,
     /// Index of the part that holds the layer.
     index: usize,
-    /// The layer within the part.
+    /// Name of the layer within the part; empty for channels whose names have no layer.
     pub layer: String,
 }
 

@@ -114,7 +114,7 @@ pub struct Element {
     pub name: String,
     /// Number of rows according to the header.
     pub rows: u64,
-    /// Columns.
+    /// Properties, one per column of the table.
     pub properties: Vec<Property>,
 }
 

@@ -77,7 +77,7 @@ impl EnvResolution {
         );
     }
 
-    /// The reason for the number of columns, in words.
+    /// Text that states the reason for the number of columns.
     pub(crate) fn why(&self) -> String {
         let surface = match self.roughness {
             Some(roughness) => format!("the smoothest surface of the objects has roughness {roughness:.2}"),

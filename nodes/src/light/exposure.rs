@@ -14,7 +14,8 @@ const ABOVE_WHITE: f64 = 0.15;
 
 /// A display colour counts as clipped if one of its channels, in linear light, is above this.
 pub(crate) const WHITE: f32 = 0.9;
-/// Darker light is raised to this value before it is compared, since 8-bit codes are too coarse to represent it.
+/// Minimum luminance in comparisons. Darker light is raised to this value, since 8-bit codes are too coarse to
+/// represent it.
 pub(crate) const DARKEST: f64 = 1e-4;
 
 /// The factor that scales the light of a panorama to EV 0, as a photographer would meter it. With this factor, the

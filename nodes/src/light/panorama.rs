@@ -100,7 +100,7 @@ pub(crate) fn finish(
     Ok(Panorama { image, alpha, up, origin: Some(origin), turned_deg: 0.0 })
 }
 
-/// Linear light, premultiplied, of one row of premultiplied RGBA.
+/// Converts one row of premultiplied RGBA to premultiplied linear light.
 pub(crate) fn linear_row(row: &[[f32; 4]], encoded: bool) -> Vec<[f32; 4]> {
     let linear = |c: f32, alpha: f32| color::linear_from_srgb(c / alpha) * alpha;
     let pixels = row.iter().map(|&[r, g, b, a]| {

@@ -241,7 +241,7 @@ impl File {
         Ok(paths.into_iter().collect())
     }
 
-    /// The bytes of every buffer. `read` reads another file by its relative path.
+    /// The bytes of every buffer. `read` reads a file, given its path relative to this file.
     pub fn buffers<E: From<Error>>(
         &self,
         mut read: impl FnMut(&str) -> Result<Vec<u8>, E>,

@@ -132,8 +132,8 @@ impl FixedRows {
 /// Number of rows between two checks for cancellation.
 const CHECK_ROWS: usize = 65_536;
 
-/// The file as binary little-endian. A file in another encoding is converted with the same elements and types, but
-/// without list properties.
+/// The file as binary little-endian. A file in another encoding is converted: list properties are dropped, and all
+/// other properties keep their types.
 pub fn little_endian<'a>(file: &str, bytes: &'a [u8], cx: &Context) -> Result<Cow<'a, [u8]>, NodeError> {
     let header = ply::header(file, bytes)?;
     if header.format == Format::Little {

@@ -45,7 +45,7 @@ pub use sh_turn::ShTurn;
 pub use source::Format;
 pub(crate) use spz::{COLOUR_SCALE as SPZ_COLOUR_SCALE, rotation_10 as spz_rotation};
 
-/// Function that reads the bytes of another file that the current one refers to.
+/// Function that reads the bytes of a file, given the name by which the current file refers to it.
 pub(crate) type Fetch<'a> = dyn Fn(&str) -> Result<Vec<u8>, NodeError> + 'a;
 
 /// Settings for all readers.

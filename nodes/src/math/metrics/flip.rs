@@ -261,7 +261,8 @@ fn separable(
 
 /// The filters for a number of pixels per degree, as one-dimensional factors.
 struct Kernels {
-    /// Contrast sensitivity of lightness, red-green and blue-yellow: weighted Gaussians.
+    /// Filters for the contrast sensitivity to lightness, red-green and blue-yellow. Each is a sum of Gaussians,
+    /// given as weights and kernels.
     sensitivity: [Vec<(f64, Vec<f64>)>; 3],
     /// First derivative of a Gaussian, scaled so that the weights on each side of the centre sum to 1 or -1.
     edge: Vec<f64>,

@@ -6,9 +6,10 @@ use glam::DVec3;
 
 use crate::types::{Material, Primitive};
 
-/// Maximum length of the sum of the area vectors of a part, relative to its area, for it to count as closed.
+/// A part counts as closed if the length of the sum of its area vectors is less than this fraction of its area.
 const CLOSED: f64 = 1e-3;
-/// Maximum length of the sum of the area vectors of an open part, relative to its area, for the part to be reported.
+/// An open part is reported only if the length of the sum of its area vectors is less than this fraction of its
+/// area.
 const OPEN: f64 = 0.5;
 /// A part looks inwards if the mean cosine between its face normals and the directions from its middle, weighted by
 /// area and distance, is below this. Turned inside out, a sphere has -1, a cube -0.8, and a long box -0.5.

@@ -33,7 +33,7 @@ struct Cut {
 }
 
 impl Cut {
-    /// Rounds to a byte. Numbers more than a step outside its range are counted.
+    /// Rounds to a byte. Numbers that are more than a step outside the range of a byte are counted.
     fn byte(&mut self, value: f64) -> u8 {
         let rounded = (value + 0.5).floor();
         let within = rounded.clamp(0.0, 255.0);
@@ -250,8 +250,8 @@ pub(super) fn rotation(quat: [f32; 4]) -> u32 {
         .map_or(0, |(_, word)| word)
 }
 
-/// Encodes a rotation with one component omitted: the index of that component in the order x, y, z, w, then sign
-/// and 9 bits of each of the others.
+/// Encodes a rotation with one component omitted: the index of that component in the order x, y, z, w, then the
+/// sign and 9 bits of magnitude of each other component.
 fn leaving_out(out: usize, parts: [f32; 4]) -> u32 {
     let others = (0..4).filter(|i| *i != out).map(|i| parts[i]);
     others.fold(out as u32, |word, part| {

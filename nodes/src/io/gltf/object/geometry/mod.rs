@@ -25,7 +25,7 @@ pub struct Geometry<'a> {
     name: &'a str,
     file: &'a File,
     buffers: &'a [Vec<u8>],
-    /// Transform from the frame of each node to that of the file, for every node of every scene.
+    /// Transform from the frame of each node to the frame of the file, for the nodes of all scenes.
     world: Vec<Option<DMat4>>,
     tally: Tally,
 }
