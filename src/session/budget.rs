@@ -1,5 +1,5 @@
-//! A limit on error or time for a whole run, applied as values that override the graph. The number of samples is
-//! therefore fixed before the run, is written into the recipes of its pictures, and can be reproduced.
+//! A limit on error or time for a whole run, converted before the run to values that override the graph. These
+//! values are written into the recipes of its pictures, so the pictures can be reproduced.
 
 use std::sync::Arc;
 

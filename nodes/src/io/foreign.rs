@@ -1,4 +1,5 @@
-//! Files whose format is not the one that their name suggests, and bytes that other programs add around text.
+//! Detection of files whose format differs from what their name suggests, and removal of bytes that other programs
+//! add around text.
 
 use crate::error::Error;
 

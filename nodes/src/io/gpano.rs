@@ -13,7 +13,8 @@ const PACKET: usize = 1 << 16;
 /// Maximum number of pixels of a whole sphere.
 const MOST: u64 = 1 << 28;
 
-/// The part of a sphere that a picture shows, in pixels of the picture that the metadata was written for.
+/// The part of a sphere that a picture shows, in pixels. The metadata may have been written for a larger version of
+/// the picture.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GPano {
     /// Width and height of the whole sphere.

@@ -154,8 +154,8 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Radi
     Ok(Radiance { width, height, rgb, primaries, ignored })
 }
 
-/// The value of a texel, as in OpenImageIO and OpenCV. (Radiance's own reader adds half a unit to each mantissa;
-/// pictures rendered with the two differ by 0.3 % in dark parts.)
+/// The value of a texel, computed as in OpenImageIO and OpenCV. (Radiance's own reader adds half a unit to each
+/// mantissa; pictures decoded in the two ways differ by 0.3 % in dark parts.)
 fn decode([r, g, b, e]: [u8; 4], scale: [f64; 3]) -> [f32; 3] {
     if e == 0 {
         return [0.0; 3];

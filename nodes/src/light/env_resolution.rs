@@ -15,7 +15,7 @@ use crate::math::equirect::pixel_solid_angle;
 use crate::math::num;
 use crate::types::{Environment, Material, Object, Placed};
 
-/// Number of texels across the reflection lobe of the smoothest material, measured at half of its maximum.
+/// Number of texels across the reflection lobe of the smoothest material, at half of the lobe's maximum.
 const ACROSS_LOBE: f64 = 4.0;
 /// Number of texels across the smallest light.
 const ACROSS_LIGHT: f64 = 8.0;

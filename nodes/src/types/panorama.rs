@@ -43,8 +43,8 @@ pub struct Brackets {
     pub log2_gain: Image<Data>,
     /// Exposure values, ascending (darkest first), of the pictures in `exposures`.
     pub evs: Vec<f64>,
-    /// The photograph that a camera would take at each of `evs`, display-encoded. Clipped to 1 unless `taken` is
-    /// [`Taken::Linear`].
+    /// For each of `evs`, the photograph that a camera would take, display-encoded. It is clipped to 1 unless
+    /// `taken` is [`Taken::Linear`].
     pub exposures: Vec<Image<Srgb>>,
     /// Source of the exposures.
     pub taken: Taken,

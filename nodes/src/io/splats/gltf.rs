@@ -1,5 +1,5 @@
-//! glTF with `KHR_gaussian_splatting` (Khronos, 2025): splats as the points of mesh primitives, with the transforms
-//! of their nodes; GLB, or JSON with external or embedded buffers. The compression extension
+//! glTF with `KHR_gaussian_splatting` (Khronos, 2025): splats are the points of mesh primitives, transformed by the
+//! nodes that use them. The file is GLB, or JSON with external or embedded buffers. The compression extension
 //! `KHR_gaussian_splatting_compression_spz_2` is an SPZ file in a buffer view.
 //!
 //! glTF is y-up and in metres, so splats are rotated and scaled in the same way as objects.

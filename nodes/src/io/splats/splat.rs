@@ -1,5 +1,6 @@
-//! `.splat` (antimatter15/splat, `convert.py`): no header, 32 bytes per splat: centre and scales as floats, red,
-//! green, blue, opacity and the quaternion w, x, y, z as bytes. No spherical harmonics.
+//! `.splat` (antimatter15/splat, `convert.py`). There is no header. Each splat has 32 bytes: centre and scales as
+//! floats, then red, green, blue, opacity and the quaternion (w, x, y, z) as bytes. There are no spherical
+//! harmonics.
 
 use engine::{NodeError, Notes};
 

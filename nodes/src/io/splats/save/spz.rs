@@ -1,6 +1,6 @@
-//! SPZ (nianticlabs/spz): version 3, one gzip stream, which every reader of the format supports, or version 4 with
-//! one Zstandard stream per attribute, which can be decompressed in parallel and is the only version with harmonics
-//! of degree 4. Harmonics are stored with 8 bits; the reference rounds them to 5 and 4 bits.
+//! SPZ (nianticlabs/spz). Version 3 is one gzip stream, and every reader of the format supports it. Version 4 has
+//! one Zstandard stream per attribute. It can be decompressed in parallel, and is the only version with harmonics
+//! of degree 4. Harmonics are stored with 8 bits; the reference implementation rounds them to 5 and 4 bits.
 
 use std::io::Write;
 
