@@ -1,6 +1,6 @@
 //! Streamed SOG (PlayCanvas, splat-transform `write-lod.ts`): `lod-meta.json` with a tree of regions. Each region
-//! has several levels of detail, of which level 0 is the finest. A level of a region is a list of ranges of rows in
-//! SOG files. Only one level is read.
+//! has several levels of detail; level 0 is the finest. A level of a region is a list of ranges of rows in SOG
+//! files. Only one level is read.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Component, Path};
