@@ -63,7 +63,7 @@ impl MakeReport {
         let outlook = bench.outlook(&all);
         shown.expect(outlook);
         if !self.json {
-            let how = if limit.is_none() { "; `--time` limits it" } else { "" };
+            let how = if limit.is_none() { "; `--time` limits the time" } else { "" };
             shown.line(&format!("{}{how}", outlook_text(&outlook)));
             bench.observe(shown.observer());
         }

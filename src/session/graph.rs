@@ -182,7 +182,7 @@ impl GraphArgs {
             match text.parse() {
                 Ok(setting) => settings.push(setting),
                 Err(EditError::Form(_)) => {
-                    wrong.push(format!("`--set {text}` is not a setting; write --set node.field=value"));
+                    wrong.push(format!("`--set {text}` is not a setting; write `--set node.field=value`"));
                 }
             }
         }

@@ -82,7 +82,7 @@ fn find_all(graph: &Graph, name: &str) -> Result<Vec<usize>, Error> {
     }
     if let Some(of) = graph.source.gathered(name) {
         return Err(Error::usage(format!(
-            "`{name}` is a Gather, not a node; use `{of}`, or a node that reads `{name}`"
+            "`{name}` is a `Gather`, not a node; use `{of}`, or a node that reads `{name}`"
         )));
     }
     let (plain, values) = name.split_once('/').map_or((name, None), |(plain, values)| (plain, Some(values)));

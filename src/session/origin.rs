@@ -111,7 +111,7 @@ impl Origin {
             SourceRoot::new(folder)
         } else {
             return Err(Error::usage(
-                "--inputs is for bundles and pictures; the paths in a graph file are relative to its folder",
+                "`--inputs` is for bundles and pictures; the paths in a graph file are relative to its folder",
             ));
         };
         Ok(Self { source, root, lock, recipe: None, unpacked: None })

@@ -163,7 +163,9 @@ fn a_untrusted_graph_stays_inside() {
     good(place.call(&["run", "a/graph.ron", "--inputs", "."]));
     std::fs::remove_file(place.path("a/.lightharmony-bundle")).unwrap();
     good(place.call(&["run", "a/graph.ron"]));
-    assert!(bad(place.call(&["run", "a/graph.ron", "--inputs", "."]), 2).contains("--inputs is for bundles"));
+    assert!(
+        bad(place.call(&["run", "a/graph.ron", "--inputs", "."]), 2).contains("`--inputs` is for bundles")
+    );
 }
 
 #[test]

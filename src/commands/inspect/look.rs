@@ -59,7 +59,8 @@ impl Shown<'_> {
         let mut sheet = Canvas::new(SIDE + 2 * (VIEW[0] + gap), SIDE, [0.06; 3]);
         sheet.put(&plan.canvas, [0, 0]);
         let decimals = if stand.radius < 2.0 { 4 } else { 2 };
-        let _ = writeln!(lines, "{:>14}  lines every {} units; up {}", "plan", plan.step, self.up.name());
+        let _ =
+            writeln!(lines, "{:>14}  grid lines every {} units; {} is up", "plan", plan.step, self.up.name());
         for (n, view) in found.iter().enumerate() {
             let canvas = self.view(view, world[2], n + 1, cx)?;
             sheet.put(&canvas, [SIDE + gap + (n % 2) * (VIEW[0] + gap), (n / 2) * (VIEW[1] + gap)]);

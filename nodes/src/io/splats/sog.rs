@@ -351,7 +351,10 @@ pub(super) fn load(
                 degree.filter(|l| palette.degree.is_none_or(|reported| reported == *l)).ok_or_else(|| {
                     Error::format(
                         file,
-                        format!("the palette is {} pixels wide, which matches no degree", centroids.width),
+                        format!(
+                            "the palette is {} pixels wide, which matches no degree of the harmonics",
+                            centroids.width
+                        ),
                     )
                 })?;
             Some((palette, centroids, labels, degree))

@@ -147,7 +147,10 @@ impl<'a> Geometry<'a> {
         let numbers = self.numbers(&accessor)?;
         match numbers.arrays::<N>() {
             Some(values) if values.len() == vertices => Ok(Some(values.to_vec())),
-            _ => Err(self.bad(format!("the attribute {} does not fit its primitive", semantic.to_string()))),
+            _ => Err(self.bad(format!(
+                "the attribute {} of a primitive has the wrong type or number of elements",
+                semantic.to_string()
+            ))),
         }
     }
 
@@ -247,7 +250,9 @@ impl<'a> Geometry<'a> {
         let Some(accessor) = primitive.get(&Semantic::Colors(0)) else { return Ok(()) };
         let numbers = self.numbers(&accessor)?;
         if !matches!(numbers.width, 3 | 4) || accessor.count() != n {
-            return Err(self.bad("vertex colours do not fit their primitive"));
+            return Err(
+                self.bad("the vertex colours of a primitive have the wrong type or number of elements")
+            );
         }
         for colour in numbers.values.chunks_exact(numbers.width) {
             let legal = colour.iter().all(|c| (0.0..=1.0).contains(c));
