@@ -14,7 +14,7 @@ pub struct Completions {
 }
 
 impl Completions {
-    /// Prints the script.
+    /// Prints the completion script of the shell.
     pub fn run(self, mut command: Command) -> Result<u8, Error> {
         let mut script = Vec::new();
         clap_complete::generate(self.shell, &mut command, "lightharmony", &mut script);

@@ -21,8 +21,9 @@ use crate::terminal;
 /// Shows how two graphs differ, in their text and in their results.
 ///
 /// Each side is a graph file, a bundle or a picture that carries its recipe. The results of a graph are looked up
-/// in the cache, those of a bundle in the bundle. Two pictures are compared by their recipes and their pixels;
-/// intermediate results only with `--inputs`. `--set-b` or `--cache-b` compare two runs of one graph.
+/// in the cache, those of a bundle in the bundle. Two pictures are compared by their recipes and their pixels; with
+/// `--inputs`, their intermediate results are compared as well. `--set-b` or `--cache-b` compare two runs of one
+/// graph.
 #[derive(Debug, Args)]
 pub struct Diff {
     /// The first graph, bundle or picture
@@ -32,7 +33,7 @@ pub struct Diff {
     /// Set one field of the second graph: node.field=value
     #[arg(long, value_name = "NODE.FIELD=VALUE")]
     set_b: Vec<String>,
-    /// The cache of the second graph, if it differs from that of the first
+    /// The cache of the second graph, if it is not the cache of the first
     #[arg(long, value_name = "DIR")]
     cache_b: Option<PathBuf>,
     #[command(flatten)]
@@ -41,8 +42,8 @@ pub struct Diff {
     engine: EngineArgs,
 }
 
-/// The pixels of a picture, or the channels of an OpenEXR file that has no colour picture. An error is the reason
-/// why the file cannot be read.
+/// The pixels of a picture, or the channels of an OpenEXR file that has no colour picture. The error states why the
+/// file cannot be read.
 fn pixels(path: &Path) -> Result<Arc<Images>, String> {
     let whole = path.canonicalize().map_err(|error| error.to_string())?;
     let file = InputFile(whole.to_str().ok_or("its path is not UTF-8")?.to_owned());
@@ -59,7 +60,8 @@ fn pixels(path: &Path) -> Result<Arc<Images>, String> {
     }
 }
 
-/// The channels of an OpenEXR file that has only layers, each as data under its name.
+/// The channels of an OpenEXR file without a colour picture. Each becomes a picture of the encoding `data` that has
+/// the name of the channel. `None` for files that are not OpenEXR.
 fn layers(name: &str, bytes: &[u8]) -> Option<Images> {
     let Planes { width, height, channels, .. } = exr::read(name, bytes).ok()?;
     let view = |Channel { name, samples }| {
@@ -94,10 +96,8 @@ fn files_difference(a: &Files, b: &Files) -> Difference {
     }
     match only_recipes {
         0 => Difference::none(),
-        1 => Difference::of("the pixels are equal; the recipe in the file is not"),
-        n => {
-            Difference::of(format!("the pixels of {n} pictures are equal; the recipes in the files are not"))
-        }
+        1 => Difference::of("the pixels are equal, but the recipes in the files differ"),
+        n => Difference::of(format!("the pixels of {n} pictures are equal, but their recipes differ")),
     }
 }
 
@@ -112,7 +112,8 @@ fn recipe(path: &Path) -> Result<Option<Recipe>, Error> {
     text.map(|text| Recipe::parse(&text)).transpose().map_err(named)
 }
 
-/// Lines about nodes, with a maximum number of lines for the instances of one node.
+/// Collects lines about nodes. Of the lines about the instances of one node, only the first [`Self::MOST`] are kept
+/// and the others are counted.
 #[derive(Default)]
 struct Lines {
     text: String,
@@ -251,9 +252,10 @@ impl Diff {
         for node in &came.unequal {
             let word = if node.first { "first" } else { "then" };
             for (output, difference) in &node.outputs {
-                let how = difference
-                    .as_ref()
-                    .map_or("different content (the values are not kept on both sides)", |d| &d.summary);
+                let how = difference.as_ref().map_or(
+                    "different content (at least one of the values is no longer in the cache)",
+                    |d| &d.summary,
+                );
                 lines.add(&node.id, format!("{word:<5} {}.{output}: {how}", node.id));
             }
         }

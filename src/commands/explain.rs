@@ -26,7 +26,8 @@ pub struct Explain {
 }
 
 impl Explain {
-    /// Prints the causes, the nodes on the way to them, and the time and memory of the last run of the node.
+    /// Prints the first causes, each node between these causes and the requested node, and the time and memory of
+    /// the last run of the requested node.
     pub fn run(self) -> Result<u8, Error> {
         let loaded = self.graph.load()?;
         let graph = &loaded.graph;
@@ -81,8 +82,8 @@ impl Explain {
     }
 }
 
-/// Returns a line of a key with the index of the field replaced by the index of its wire. Each wire has three
-/// fields: type, format and content.
+/// Returns a line of a key with the number in brackets converted from the index of a field to the index of a wire.
+/// In a key, each wire of an input has three fields: type, format and content.
 fn by_wire(graph: &Graph, index: usize, line: &str) -> String {
     let numbered = || {
         let (name, rest) = line.split_once('[')?;

@@ -11,7 +11,7 @@ use crate::terminal;
 /// Lists the knobs of a graph, the parameters that trade work for accuracy, and the outputs that each changes.
 ///
 /// A knob has a value in each preset, from the least work to the least error: draft, preview, final, reference.
-/// Presets and searches leave a knob that varies along an axis as it is; the list shows its first value. `run
+/// Presets and searches do not change a knob that varies along an axis; the list shows its first value. `run
 /// --preset draft` sets all knobs; `tune` measures to find better settings.
 #[derive(Debug, Args)]
 pub struct Knobs {

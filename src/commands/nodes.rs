@@ -1,4 +1,4 @@
-//! `nodes`: lists and describes the kinds, from the same table that the check of graphs uses.
+//! `nodes`: lists and describes the kinds, from the table that is also used to check graphs.
 
 use clap::Args;
 use engine::{Arity, KindEntry, PRESETS, PortSpec, Registry, Role};

@@ -28,7 +28,7 @@ enum Which {
     None,
     /// The sinks, or the nodes of `--only`
     Sinks,
-    /// Every node, so that verifying a few nodes does not compute their inputs
+    /// Every node, so that `verify` need not compute the inputs of the nodes that it checks
     All,
 }
 
@@ -61,7 +61,7 @@ impl Pack {
         ))?;
         if !packed.unknown.is_empty() {
             let nodes = packed.unknown.join(", ");
-            remark(&format!("warning: {nodes} have no known result; run the graph first"));
+            remark(&format!("warning: no result is known for {nodes}; run the graph first"));
         }
         if !packed.gone.is_empty() {
             let nodes = packed.gone.join(", ");

@@ -12,8 +12,8 @@ use crate::terminal;
 
 /// Prints the position and the normal of the surface that a pixel of a view shows, and a `Pose` to paste.
 ///
-/// The view is a `splat-render` or a `path-trace`. The point lies on the splats of the former, or on the receiver
-/// of the latter. If the view has several cameras, the first is used unless `--camera` names another.
+/// The view is a `splat-render` or a `path-trace`. The point lies on the splats of a `splat-render`, or on the
+/// receiver of a `path-trace`. If the view has several cameras, the first is used unless `--camera` names another.
 #[derive(Debug, Args)]
 pub struct Pick {
     #[command(flatten)]

@@ -29,15 +29,14 @@ pub struct MakeReport {
     #[arg(long, short, value_name = "FILE", default_value = "report.html")]
     out: PathBuf,
     /// The measure of error: flip, flip95, rmse, psnr, ciede2000, mae or relmse; the prefix `touched.` counts only
-    /// the pixels that the object changes, `object.` those that it covers, `shadow.` those that it changes without
-    /// covering them
+    /// pixels that the object changes, `object.` only pixels that it covers, `shadow.` only pixels that it changes
+    /// but does not cover
     #[arg(long, value_name = "METRIC", default_value = "flip")]
     metric: String,
-    /// Leave out the settings in which all nodes but one are at the reference, which cost most
+    /// Do not measure the settings in which all nodes but one are at the reference; these are the most expensive
     #[arg(long)]
     no_reverse: bool,
-    /// Measure as much as there is time for, such as 10m; the reference and the graph's own settings are always
-    /// measured
+    /// Maximum time for measuring, such as 10m; the reference and the graph's own settings are measured in any case
     #[arg(long, value_name = "TIME")]
     time: Option<String>,
     /// Also print all numbers as one JSON object on standard output
@@ -64,7 +63,7 @@ impl MakeReport {
         let outlook = bench.outlook(&all);
         shown.expect(outlook);
         if !self.json {
-            let how = if limit.is_none() { "; `--time` limits it" } else { "" };
+            let how = if limit.is_none() { "; `--time` limits the time" } else { "" };
             shown.line(&format!("{}{how}", outlook_text(&outlook)));
             bench.observe(shown.observer());
         }

@@ -29,18 +29,18 @@ pub struct Tune {
     #[command(flatten)]
     engine: EngineArgs,
     /// Find the least work with at most this error, such as flip=0.02, psnr=40 or touched.rmse=0.01; `touched.`
-    /// counts only the pixels that the object changes, `object.` those that it covers, `shadow.` those that it
-    /// changes without covering them
+    /// counts only pixels that the object changes, `object.` only pixels that it covers, `shadow.` only pixels that
+    /// it changes but does not cover
     #[arg(long, value_name = "METRIC=VALUE", conflicts_with_all = ["max_seconds", "max_work"])]
     max_error: Option<String>,
-    /// Find the least error with at most this many CPU seconds of node code, as measured when it ran
+    /// Find the least error with at most this many CPU seconds of node code, as measured when each node last ran
     #[arg(long, value_name = "SECONDS", conflicts_with = "max_work", allow_negative_numbers = true)]
     max_seconds: Option<f64>,
     /// Find the least error with at most this much work, in rays (other counts are weighted as rays)
     #[arg(long, value_name = "RAYS", allow_negative_numbers = true)]
     max_work: Option<f64>,
-    /// The measure of error to minimise when a cost is bounded: flip (default), flip95, rmse, psnr, ciede2000, mae,
-    /// relmse; optionally with the prefix `touched.`, `object.` or `shadow.`
+    /// The measure of error to minimise with `--max-seconds` or `--max-work`: flip (default), flip95, rmse, psnr,
+    /// ciede2000, mae, relmse; optionally with the prefix `touched.`, `object.` or `shadow.`
     #[arg(long, value_name = "METRIC", conflicts_with = "max_error")]
     metric: Option<String>,
     /// Maximum number of settings to measure

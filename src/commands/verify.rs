@@ -17,13 +17,13 @@ use crate::terminal::{self, Report};
 pub struct Verify {
     /// The bundle
     bundle: PathBuf,
-    /// Number of nodes to verify, chosen by the seed
+    /// Number of nodes to verify; the seed determines which
     #[arg(long, value_name = "K", default_value = "3")]
     sample: NonZero<usize>,
     /// Verify every node
     #[arg(long, conflicts_with = "sample")]
     all: bool,
-    /// Seed that chooses the nodes
+    /// Seed for the random choice of nodes
     #[arg(long, default_value_t = 0)]
     seed: u64,
     /// Also print the nodes that run
@@ -73,7 +73,9 @@ impl Verify {
                     let how = difference.as_ref().map_or("its value is not in the bundle", |d| &d.summary);
                     format!("differs   {id}.{output}: {how}\n")
                 }
-                Verdict::OtherInputs => format!("unlike    {id}: its inputs differ\n"),
+                Verdict::OtherInputs => {
+                    format!("unlike    {id}: its inputs differ from those in the bundle\n")
+                }
                 Verdict::Failed if stopped => continue,
                 Verdict::Failed => format!("failed    {id}\n"),
             };

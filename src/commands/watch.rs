@@ -11,9 +11,10 @@ use crate::session::origin::is_written_once;
 use crate::session::{EngineArgs, Error, GraphArgs};
 use crate::terminal::{self, Report};
 
-/// Runs a graph again whenever it or a file it reads changes. Ctrl-C ends it.
+/// Runs a graph again whenever it or a file it reads changes. Ctrl-C ends the command.
 ///
-/// Slow pictures are shown roughly first and then refined. While the graph has mistakes, the last picture is kept.
+/// A slow picture is first shown as a rough preview, which is then refined. While the graph has mistakes, the last
+/// picture is kept.
 #[derive(Debug, Args)]
 #[command(mut_arg("graph", |graph| graph.help("The graph file (RON)")))]
 #[command(mut_arg("inputs", |inputs| inputs.help("For the graph of an unpacked bundle: a folder whose files it may read; may be repeated")))]

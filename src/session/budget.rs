@@ -1,5 +1,5 @@
-//! A limit on error or time for a whole run, applied as values that override the graph. The number of samples is
-//! therefore fixed before the run, is written into the recipes of its pictures, and can be reproduced.
+//! A limit on error or time for a whole run, converted before the run to values that override the graph. These
+//! values are written into the recipes of its pictures, so the pictures can be reproduced.
 
 use std::sync::Arc;
 
@@ -27,9 +27,9 @@ fn no_samples() -> Error {
     )
 }
 
-/// Sets an error bound for every node that can take samples until such a bound is reached. The maximum number of
-/// samples is that of the graph: if a preset sets fewer, this is meant for runs without an error bound. Also
-/// returns the settings that undo the preset.
+/// Sets `max_error` of every node that has this parameter. Such a node takes samples until its error is at most
+/// `error` or the maximum number of samples is reached. If a preset reduces this number, the graph's own number is
+/// restored, since the preset is meant for runs without an error bound. Also returns the settings that restore it.
 pub fn to_error(loaded: Loaded, error: f64) -> Result<(Loaded, Chosen), Error> {
     let takes = |knob: &GraphKnob| knob.parameter == ERROR;
     let knobs = loaded.graph.knobs(&loaded.only).into_iter().filter(takes);
@@ -44,7 +44,7 @@ pub fn to_error(loaded: Loaded, error: f64) -> Result<(Loaded, Chosen), Error> {
     Ok((Loaded { graph, ..loaded }, chosen))
 }
 
-/// The numbers of samples in the graph, for nodes in which a preset sets fewer.
+/// The graph's own numbers of samples, for the nodes whose number a preset reduces.
 fn raised(loaded: &Loaded) -> Fields {
     let graph = &loaded.graph;
     let bare = graph.source.without_presets();

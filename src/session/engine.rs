@@ -85,8 +85,8 @@ pub fn on_interrupt() -> Result<Arc<AtomicBool>, Error> {
     Ok(cancel)
 }
 
-/// The folder of the cache: the named one, otherwise that of the environment variable, otherwise the user's cache
-/// folder.
+/// The folder of the cache: `named` if given, otherwise the folder in the environment variable
+/// `LIGHTHARMONY_CACHE`, otherwise the user's cache folder.
 pub fn cache_folder(named: Option<&Path>) -> Result<PathBuf, Error> {
     match (named, std::env::var_os("LIGHTHARMONY_CACHE")) {
         (Some(folder), _) => Ok(folder.to_owned()),

@@ -92,16 +92,16 @@ impl GraphArgs {
     pub fn load_to_turn(&self) -> Result<Loaded, Error> {
         if is_picture(&self.graph) {
             terminal::remark(
-                "the recipe of a picture lacks the presets of its graph and has other node names, so these settings fit \
-                 the picture and not the graph",
+                "the recipe of a picture lacks the presets of the original graph and has other node names, so the settings \
+                 below apply to the picture, not to that graph",
             );
         }
         self.load()
     }
 
-    /// Like [`load`](Self::load), for `watch`. `known` is the previous graph, which must be omitted if a file that
-    /// its nodes read has changed. If the text of the graph is unchanged, `known` is returned without parsing it
-    /// again. The files of the graph itself are added to `texts`, whether or not they exist.
+    /// Like [`load`](Self::load), for `watch`. `known` is the previous graph; pass `None` if a file that its nodes
+    /// read has changed. If the text of the graph is unchanged, `known` is returned without parsing it again. The
+    /// files from which the graph itself was read are added to `texts`, whether or not they exist.
     pub fn load_again(
         &self,
         known: Option<&(Arc<Graph>, Vec<usize>)>,
@@ -126,7 +126,7 @@ impl GraphArgs {
         })
     }
 
-    /// The graph of the current text, if that is the known text with a small edit.
+    /// Updates `known` to the current text of its file; `None` if the two texts differ by more than a small edit.
     fn edited(&self, known: &Arc<Graph>) -> Option<Arc<Graph>> {
         let path = self.graph.canonicalize().ok()?;
         let text = engine::read_text(&path, engine::MAX_GRAPH_BYTES).ok()?;
@@ -182,7 +182,7 @@ impl GraphArgs {
             match text.parse() {
                 Ok(setting) => settings.push(setting),
                 Err(EditError::Form(_)) => {
-                    wrong.push(format!("`--set {text}` is not a setting; write --set node.field=value"));
+                    wrong.push(format!("`--set {text}` is not a setting; write `--set node.field=value`"));
                 }
             }
         }

@@ -11,7 +11,7 @@ use super::graph::Loaded;
 /// The lock file that belongs to a graph.
 pub fn path(loaded: &Loaded) -> Result<PathBuf, Error> {
     let none =
-        || Error::usage("this graph is not in a file of its own, so it has no lock; name a file with --to");
+        || Error::usage("this graph is not in a file of its own, so it has no lock; name a file with `--to`");
     loaded.lock.clone().ok_or_else(none)
 }
 

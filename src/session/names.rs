@@ -18,7 +18,7 @@ const FRAME: &str = "frame";
 /// Maximum number of names in a message.
 const MOST: usize = 40;
 
-/// The nodes of `--only` and `--frames`; an empty list if neither is given.
+/// The nodes that `--only` and `--frames` select; an empty list if neither is given.
 pub fn wanted(graph: &Graph, only: &[String], frames: Option<&str>) -> Result<Vec<usize>, Error> {
     if only.iter().any(|name| name.trim().is_empty()) {
         return Err(Error::usage("`--only` takes names of nodes separated by single commas"));
@@ -69,7 +69,7 @@ pub fn find(graph: &Graph, name: &str) -> Result<usize, Error> {
         [node] => Ok(*node),
         nodes => {
             let names = nodes.iter().map(|&node| graph.nodes[node].id.clone());
-            Err(Error::usage(format!("`{name}` is several nodes; name one of {}", list(names))))
+            Err(Error::usage(format!("`{name}` names several nodes; choose one of {}", list(names))))
         }
     }
 }
@@ -82,7 +82,7 @@ fn find_all(graph: &Graph, name: &str) -> Result<Vec<usize>, Error> {
     }
     if let Some(of) = graph.source.gathered(name) {
         return Err(Error::usage(format!(
-            "`{name}` is a Gather, not a node; use `{of}`, or a node that reads `{name}`"
+            "`{name}` is a `Gather`, not a node; use `{of}`, or a node that reads `{name}`"
         )));
     }
     let (plain, values) = name.split_once('/').map_or((name, None), |(plain, values)| (plain, Some(values)));

@@ -111,7 +111,7 @@ impl Origin {
             SourceRoot::new(folder)
         } else {
             return Err(Error::usage(
-                "--inputs is for bundles and pictures; the paths in a graph file are relative to its folder",
+                "`--inputs` is for bundles and pictures; the paths in a graph file are relative to its folder",
             ));
         };
         Ok(Self { source, root, lock, recipe: None, unpacked: None })
@@ -137,7 +137,7 @@ impl Origin {
         let other = recipe.other_kinds(&registry);
         if !other.is_empty() && !args.other_versions {
             return Err(Error::usage(format!(
-                "`{}` cannot be made again here:\n{}\n`--other-versions` runs it anyway; the picture may differ",
+                "`{}` cannot be reproduced here:\n{}\n`--other-versions` runs it anyway; the picture may differ",
                 path.display(),
                 other.join("\n")
             )));
@@ -153,7 +153,8 @@ impl Origin {
     }
 }
 
-/// Reads the text of a graph, whose first bytes have been read, up to the maximum length.
+/// Reads the rest of the text of a graph from `from`, up to the maximum length. `bytes` is the part that has
+/// already been read.
 fn graph_text(mut bytes: Vec<u8>, from: impl Read) -> std::io::Result<String> {
     let wrong = |what: &str| std::io::Error::new(std::io::ErrorKind::InvalidData, what);
     from.take(LARGEST_GRAPH + 1 - bytes.len() as u64).read_to_end(&mut bytes)?;

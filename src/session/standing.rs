@@ -26,7 +26,7 @@ pub enum UpBy {
     Measured,
     /// Defined by the format of the file.
     Format,
-    /// Guessed.
+    /// Neither measured nor defined by the format.
     Guessed,
 }
 
@@ -43,8 +43,8 @@ pub struct Standing {
     pub by: UpBy,
     /// Probability that `up` is correct, 0 to 1.
     pub confidence: f64,
-    /// Transform of the splats to the world, row by row, applied after that of their format; `None` for the
-    /// identity.
+    /// Transform of the splats to the world, row by row, applied after the transform that the format of the file
+    /// defines; `None` for the identity.
     pub matrix: Option<[f64; 16]>,
     /// Transform of the cameras to the world, row by row; `None` for the identity. Camera formats do not define an
     /// up axis.

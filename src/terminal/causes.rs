@@ -1,4 +1,4 @@
-//! The reasons why nodes run, in words, back to the first cause.
+//! Describes why nodes run, back to the first cause.
 
 use std::collections::BTreeMap;
 
@@ -93,7 +93,7 @@ fn source(change: &Change) -> Option<&str> {
     (name == "sources").then(|| rest.split_once("].").map_or(rest, |(_, file)| file).trim_matches('"'))
 }
 
-/// The files that are missing on one side of a change.
+/// The files of the changes in `sources` that have no value on the side that `side` selects, old or new.
 fn files(changes: &[Change], side: impl Fn(&Change) -> &Option<String>) -> Vec<&str> {
     changes.iter().filter(|change| side(change).is_none()).filter_map(source).collect()
 }
@@ -116,7 +116,7 @@ fn other_files(graph: &Graph, index: usize, read: &[&str], dropped: &[&str]) -> 
     }
 }
 
-/// The origin of a wire, as a text and as a node.
+/// The origin of wire `wire` of an input, as text and as the index of a node.
 fn end(graph: &Graph, index: usize, port: usize, wire: usize) -> (String, Option<usize>) {
     let Some(wire) = graph.nodes[index].inputs[port].get(wire) else { return ("nothing".to_owned(), None) };
     let above = &graph.nodes[wire.node];

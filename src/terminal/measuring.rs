@@ -120,14 +120,14 @@ pub fn outlook_text(outlook: &Outlook) -> String {
     let s = if *settings == 1 { "" } else { "s" };
     let known = seconds_text(*seconds);
     match (*unknown, *seconds >= 0.05) {
-        (0, false) => format!("{settings} setting{s}, all known"),
+        (0, false) => format!("{settings} setting{s}, all results known"),
         (0, true) => format!("{settings} setting{s}, about {known}"),
         (n, false) => {
-            format!("{settings} setting{s}, time unknown, since {n} runs are of kinds that have never run")
+            format!("{settings} setting{s}, time unknown, since some kinds have never run (node runs: {n})")
         }
         (n, true) => {
             format!(
-                "{settings} setting{s}, more than {known}, since {n} runs are of kinds that have never run"
+                "{settings} setting{s}, more than {known}, since some kinds have never run (node runs: {n})"
             )
         }
     }

@@ -37,7 +37,8 @@ impl Running {
 /// Progress of a run and the remaining time. Times are in seconds of one clock.
 #[derive(Debug, Default)]
 pub struct Progress {
-    /// Forecasts of the nodes that may run and have not started, by name, if the plan has names.
+    /// Forecasts of the nodes that may run and have not started, by name; empty if only the totals of the plan are
+    /// known.
     planned: BTreeMap<String, Option<f64>>,
     /// Sum of the forecasts of the nodes that have not started.
     waiting: f64,

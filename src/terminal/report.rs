@@ -31,7 +31,7 @@ pub struct Lines {
     printed: BTreeSet<(String, String)>,
     /// Number of notes that were not printed in this run.
     unprinted: usize,
-    /// Sinks whose files were printed in this run.
+    /// Sinks whose paths were printed in this run.
     written: BTreeSet<String>,
 }
 

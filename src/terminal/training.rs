@@ -7,7 +7,8 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use super::output::remark;
 
-/// Shows the progress of a training: a bar on a terminal, otherwise a line on standard error per tenth of a stage.
+/// Shows the progress of a training: a bar on a terminal, otherwise a line on standard error after each tenth of a
+/// stage.
 pub struct Follow {
     bar: ProgressBar,
     tenth: Option<u64>,
@@ -52,7 +53,7 @@ impl Follow {
     }
 }
 
-/// Returns the line to print without a terminal, if another tenth is done.
+/// Returns the line to print if standard error is not a terminal; `None` unless another tenth of the stage is done.
 fn line(tenth: &mut Option<u64>, text: &str, at: u64, of: u64) -> Option<String> {
     let now = at.saturating_mul(10) / of.max(1);
     (tenth.replace(now) != Some(now)).then(|| format!("{text}: {at}/{of}"))

@@ -10,7 +10,7 @@ const GRAPH: &str = r#"Graph(version: 1, scene: (up: "+z"), nodes: (
 ))
 "#;
 
-/// A place with a graph of one picture that has run once.
+/// A test folder whose graph writes one picture and has run once.
 fn place() -> Place {
     let place = Place::new(GRAPH);
     let mut picture = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 64 +X 64\n".to_vec();

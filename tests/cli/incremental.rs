@@ -76,13 +76,13 @@ pub(crate) const OBJECT: &str = r#"{"asset":{"version":"2.0"},"scene":0,"scenes"
 "bufferViews":[{"buffer":0,"byteLength":36}],"buffers":[{"byteLength":36,
 "uri":"data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAAAAPwAAAAAAAAAAAAAAAAAAAD8AAAAA"}]}"#;
 
-/// A floor with a step of 3 cm, on which the object stands.
+/// A floor with a step 3 cm high, for an object that stands on the floor.
 const FLOOR: &str = "ply\nformat ascii 1.0\nelement vertex 8\nproperty float x\nproperty float y\nproperty float z\n\
     element face 4\nproperty list uchar int vertex_indices\nend_header\n-3 -3 0\n3 -3 0\n3 3 0\n-3 3 0\n\
     -0.1 -0.1 0.03\n0.1 -0.1 0.03\n0.1 0.1 0.03\n-0.1 0.1 0.03\n3 0 1 2\n3 0 2 3\n3 4 5 6\n3 4 6 7\n";
 
 /// After a change of `metres_per_unit`, with the object scaled so that it keeps its size in the picture, all inputs
-/// of the trace have the same bytes, but `contact_metres` is another distance in world units. The parts of the
+/// of the trace have the same bytes, but `contact_metres` is a different distance in world units. The parts of the
 /// trace that depend on this distance run again.
 #[test]
 fn what_another_metre_changes_is_traced_again() {
@@ -121,8 +121,8 @@ fn what_another_metre_changes_is_traced_again() {
     assert_ne!(kept.outputs(), before, "the step is within 4 cm, not within 2");
 }
 
-/// `--exhaustive` is part of the keys of kinds that have checks to skip work. Their nodes run again. Since the
-/// outputs of these nodes are equal byte for byte, the nodes below them do not run.
+/// `--exhaustive` is part of the keys of kinds that have checks to skip work, so the nodes of these kinds run
+/// again. Since their outputs are equal byte for byte, the nodes below them do not run.
 #[test]
 fn exhaustive_runs_do_all_work_and_change_nothing() {
     let place = Place::new(INSERT);

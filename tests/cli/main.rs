@@ -105,8 +105,8 @@ impl Place {
     }
 }
 
-/// The files of a folder, except temporary files of a killed write. Later runs remove these, but not while they may
-/// belong to a live process.
+/// The files of a folder, except temporary files that a killed process left. Later runs remove such files, unless
+/// they may belong to a live process.
 fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     let mut found = BTreeMap::new();
     for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {

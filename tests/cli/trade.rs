@@ -25,7 +25,7 @@ fn knobs_tell_what_they_reach_and_presets_set_them() {
     assert_eq!(line.split_whitespace().nth(2), Some("16"), "{text}");
 }
 
-/// `--max-error` sets the error of nodes that take samples; a run that does not reach it is degraded.
+/// `--max-error` sets `max_error` of the nodes that take samples. A run that does not reach this error is degraded.
 #[test]
 fn a_run_is_given_an_error() {
     let place = Place::new(INSERT);
@@ -59,7 +59,8 @@ fn a_run_is_given_an_error() {
     assert!(reported.code == 2 && reported.events[0]["message"].as_str().unwrap().contains("takes samples"));
 }
 
-/// `--time` sets the number of samples before the run, according to earlier runs of the kind.
+/// `--time` sets the number of samples before the run, based on the measured times of earlier runs of the same
+/// kinds.
 #[test]
 fn a_run_is_given_a_time() {
     let place = Place::new(&INSERT.replace("samples: 4", "samples: 16"));

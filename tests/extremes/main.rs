@@ -119,7 +119,7 @@ fn tests_of_rows() -> BTreeMap<usize, Vec<Test>> {
     rows.map(|(index, line)| (index + 1, names(line).map(test).collect())).collect()
 }
 
-/// The largest value of each quantity that the tests of a row measured, with its bound.
+/// For each quantity that the tests of a row measured: its largest value, with its bound.
 fn measured(folder: &Path, row: usize) -> String {
     let text = std::fs::read_to_string(folder.join(format!("{row:02}.tsv"))).unwrap_or_default();
     let value = |line: &str| -> Option<(String, (f64, f64))> {

@@ -64,7 +64,7 @@ pub fn rooms(folder: &Path, others: &[&str], heading: &str) -> (BTreeSet<String>
     (folders, table)
 }
 
-/// The groups of files that import each other in a circle.
+/// The groups of files that import each other in a cycle.
 pub fn circles(imports: &Imports) -> Vec<Vec<String>> {
     let target = |path: &String| {
         let parts: Vec<&str> = path.split("::").collect();

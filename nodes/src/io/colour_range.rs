@@ -14,15 +14,15 @@ pub struct Range {
 /// Fraction of the numbers that must exceed 1 for floats to be interpreted as numbers up to 255, so that a single
 /// wrong number has no effect.
 const SHARE: f64 = 0.01;
-/// Maximum value that counts as white with rounding.
+/// Maximum value that still counts as white, with a margin for rounding.
 const SLACK: f64 = 1.5;
-/// Maximum value of a range up to 255, with rounding.
+/// Maximum value of colours from 0 to 255, with a margin for rounding.
 const BYTE: f64 = 255.5;
 
 impl Range {
     /// The range of colours of a type. For integers of 8 and 16 bits, white is the largest number of the type.
-    /// Integers of 32 bits contain 8-bit codes, since some programs write all integers with one type. For floats,
-    /// white is 1, or 255 if at least a hundredth of the numbers exceed 1.5 and none exceeds 255.5.
+    /// Integers of 32 bits are assumed to hold 8-bit codes, since some programs write all integers with one type.
+    /// For floats, white is 1, or 255 if at least a hundredth of the numbers exceed 1.5 and none exceeds 255.5.
     pub fn of<I: Iterator<Item = f64>>(scalar: Scalar, numbers: impl FnOnce() -> I) -> Self {
         match scalar {
             Scalar::I32 | Scalar::U32 => Self { white: 255.0, guessed: false },
@@ -43,7 +43,7 @@ impl Range {
         Self { white: if bytes { 255.0 } else { 1.0 }, guessed: bytes }
     }
 
-    /// The range in words, after "colours".
+    /// The range in words, to follow the word "colours".
     pub fn words(self) -> String {
         if self.guessed {
             format!("from 0 to {} (inferred from their values)", self.white)

@@ -44,7 +44,7 @@ pub struct Planes {
     pub part: String,
     /// Names of all flat parts that have one.
     pub part_names: Vec<String>,
-    /// The layer within the part.
+    /// Name of the layer within the part; empty for channels whose names have no layer.
     pub layer: String,
     /// True if the data window differs from the display window.
     pub cropped: bool,
@@ -146,7 +146,7 @@ pub struct Opened<'a> {
     meta: MetaData,
     /// Index of the part that holds the layer.
     index: usize,
-    /// The layer within the part.
+    /// Name of the layer within the part; empty for channels whose names have no layer.
     pub layer: String,
 }
 
@@ -547,7 +547,8 @@ mod tests {
         assert_eq!(r[6..], [-65_504.0, f32::INFINITY]);
     }
 
-    /// One file may contain halves and floats. NaN and infinity are kept, and a picture without pixels is refused.
+    /// One file may contain both 16-bit and 32-bit floats. NaN and infinity are kept, and a picture without pixels
+    /// is refused.
     #[test]
     fn types_mix_and_what_is_no_number_comes_through() {
         let odd = vec![f32::NAN, f32::INFINITY, -0.0, 1e-40];

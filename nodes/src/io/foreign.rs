@@ -1,8 +1,9 @@
-//! Files whose format is not the one that their name suggests, and bytes that other programs add around text.
+//! Detection of files whose format differs from what their name suggests, and removal of bytes that other programs
+//! add around text.
 
 use crate::error::Error;
 
-/// UTF-8 bytes that some editors put in front of a text.
+/// UTF-8 byte-order mark, which some editors put in front of a text.
 pub const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
 
 /// Removes a byte-order mark at the start of JSON, and NUL bytes and white space at its end, with which programs
@@ -25,7 +26,7 @@ pub fn refuse_foreign(file: &str, bytes: &[u8]) -> Result<(), Error> {
     let what = if starts(b"version https://git-lfs.github.com/spec/")
         || starts(b"version https://hawser.github.com/")
     {
-        "a pointer of Git LFS, not the file itself; fetch it with `git lfs pull`"
+        "a Git LFS pointer, not the file itself; fetch it with `git lfs pull`"
     } else if let Some(brand) = bytes.get(4..12).and_then(|head| head.strip_prefix(b"ftyp")) {
         match brand {
             b"heic" | b"heix" | b"heim" | b"heis" | b"hevc" | b"mif1" | b"msf1" => {

@@ -4,25 +4,26 @@
 
 use crate::error::Error;
 
-/// Length of the part of a file that is searched, since metadata is stored before the picture.
+/// Number of bytes at the start of a file that are searched. Metadata is stored before the picture.
 pub const HEAD: usize = 1 << 20;
 
-/// Maximum length of the metadata, which is that of a JPEG segment.
+/// Maximum length of the metadata in bytes: that of a JPEG segment, in which it is stored.
 const PACKET: usize = 1 << 16;
 
 /// Maximum number of pixels of a whole sphere.
 const MOST: u64 = 1 << 28;
 
-/// The part of a sphere that a picture shows, in pixels of the picture that the metadata was written for.
+/// The part of a sphere that a picture shows, in pixels. The metadata may have been written for a larger version of
+/// the picture.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GPano {
     /// Width and height of the whole sphere.
     full: [f64; 2],
     /// Width and height of the part.
     part: [f64; 2],
-    /// Position of its upper left corner in the whole sphere.
+    /// Position of the upper left corner of the part in the whole sphere.
     at: [f64; 2],
-    /// Elevation of its centre above the horizon, and its roll, in degrees.
+    /// Elevation of the centre of the part above the horizon, and the roll of the part, in degrees.
     pub tilt: [f64; 2],
     /// `equirectangular`, unless the file has another value.
     pub projection: String,

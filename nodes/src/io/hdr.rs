@@ -68,8 +68,11 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Radi
     let (mut rest, mut scale) = (bytes, [1.0_f64; 3]);
     let (mut primaries, mut ignored) = (None, Vec::new());
     let line = |rest: &mut &[u8]| -> Result<String, Error> {
-        let end =
-            rest.iter().take(65_536).position(|&b| b == b'\n').ok_or_else(|| bad("the header has no end"))?;
+        let end = rest
+            .iter()
+            .take(65_536)
+            .position(|&b| b == b'\n')
+            .ok_or_else(|| bad("a line of the header has no end"))?;
         let text = String::from_utf8_lossy(&rest[..end]).trim_end().to_owned();
         *rest = &rest[end + 1..];
         Ok(text)
@@ -114,8 +117,12 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Radi
         return Err(bad("EXPOSURE or COLORCORR is not above 0"));
     }
     let size = line(&mut rest)?;
-    let [outer, inner] = sides(&size)
-        .ok_or_else(|| Error::format(file, format!("the line of its size, `{size}`, is not understood")))?;
+    let [outer, inner] = sides(&size).ok_or_else(|| {
+        Error::format(
+            file,
+            format!("the line with the size, `{size}`, is not of the form `-Y HEIGHT +X WIDTH`"),
+        )
+    })?;
     // A run of 127 equal samples takes 2 bytes; an old-style run of up to 255 pixels takes 4.
     believable(file, inner.count.into(), outer.count.into(), 3, rest.len(), 255)?;
     let (rows, columns) = (outer.count as usize, inner.count as usize);
@@ -147,8 +154,8 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Radi
     Ok(Radiance { width, height, rgb, primaries, ignored })
 }
 
-/// The value of a texel, as in OpenImageIO and OpenCV. (Radiance's own reader adds half a unit to each mantissa;
-/// pictures rendered with the two differ by 0.3 % in dark parts.)
+/// The value of a texel, computed as in OpenImageIO and OpenCV. (Radiance's own reader adds half a unit to each
+/// mantissa; pictures decoded in the two ways differ by 0.3 % in dark parts.)
 fn decode([r, g, b, e]: [u8; 4], scale: [f64; 3]) -> [f32; 3] {
     if e == 0 {
         return [0.0; 3];
@@ -275,8 +282,8 @@ mod tests {
         row(64, "relative error of RGBE at 1", off(9, 1.0), 0.0);
     }
 
-    /// The eight orientations of one picture of 3 x 2 are decoded equally. This test fails if `side.forward ==
-    /// side.across` is `side.forward`.
+    /// A picture of 3 x 2 pixels, stored in each of the eight orientations, is always decoded to the same pixels.
+    /// This test fails if `side.forward == side.across` is `side.forward`.
     #[test]
     fn every_orientation_is_the_same_picture() {
         // Rows from the top, values 1 to 6.
@@ -313,7 +320,7 @@ mod tests {
         }
         for line in ["-Y 2 +Y 3", "-Z 2 +X 3", "2 3", "-Y 2", "-Y -2 +X 3", "Y 2 X 3"] {
             let error = read("a.hdr", &file(&format!("\n{line}\n"), &[9; 64])).err().map(|e| e.to_string());
-            assert!(error.is_some_and(|e| e.contains("is not understood")), "{line}");
+            assert!(error.is_some_and(|e| e.contains("is not of the form")), "{line}");
         }
     }
 

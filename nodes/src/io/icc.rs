@@ -61,7 +61,7 @@ fn name(profile: &ColorProfile) -> Option<String> {
     Some(text).filter(|text| !text.is_empty())
 }
 
-/// Maximum difference between colorants, in XYZ, that count as equal. Display P3 differs by 0.08.
+/// Colorants that differ by at most this, in XYZ, count as equal. Those of Display P3 differ from sRGB by 0.08.
 const SAME_COLORANT: f64 = 0.003;
 
 /// True if the colorants, adapted to D50, are those of sRGB.
@@ -74,8 +74,8 @@ fn srgb_primaries(profile: &ColorProfile) -> bool {
     })
 }
 
-/// Maximum difference between curves, in linear light, that count as equal. A pure gamma of 2.2 differs from sRGB
-/// by 0.008.
+/// Curves that differ by at most this, in linear light, count as equal. A pure gamma of 2.2 differs from sRGB by
+/// 0.008.
 const SAME_LIGHT: f64 = 0.003;
 
 /// True if a curve equals `wanted` within [`SAME_LIGHT`].
@@ -145,7 +145,7 @@ fn light(curve: &ToneReprCurve, code: f64) -> Option<f64> {
 pub(crate) mod tests {
     use super::*;
 
-    /// A profile of sRGB or other colorants with one curve for all channels.
+    /// A profile with the colorants of `base` and one curve for all channels.
     pub(crate) fn profile(name: &str, base: &ColorProfile, curve: ToneReprCurve) -> Vec<u8> {
         let mut profile = base.clone();
         (profile.red_trc, profile.green_trc, profile.blue_trc) =

@@ -204,7 +204,7 @@ fn no_layer(name: &str, file: &exr::Opened<'_>, names: &[String], chroma: bool) 
     Error::format(name, format!("{text}; its channels are {}", names.join(", ")))
 }
 
-/// Replaces NaN by 0 and, unless the picture is data, infinite samples by the largest 16-bit float.
+/// Replaces NaN with 0 and, unless the picture is data, infinite samples with the largest 16-bit float.
 fn finite(
     mut samples: Vec<f32>,
     data: bool,
@@ -248,7 +248,8 @@ mod tests {
         png::write(&raster, false, &[]).unwrap_or_else(|e| panic!("{e}"))
     }
 
-    /// PNGs of 8 and 16 bits, grey and with alpha, are premultiplied colour or data.
+    /// PNGs of 8 and 16 bits, grey and with alpha, are decoded to premultiplied colour or, if the encoding says so,
+    /// to data.
     #[test]
     fn pngs_are_premultiplied_colour_or_data() {
         let rgba = png_of(4, 255, vec![255, 51, 0, 51]);

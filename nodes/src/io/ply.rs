@@ -44,7 +44,7 @@ impl Scalar {
         })
     }
 
-    /// Name in a header.
+    /// Name of the type in a header.
     pub fn name(self) -> &'static str {
         match self {
             Self::I8 => "char",
@@ -72,7 +72,7 @@ impl Scalar {
         }
     }
 
-    /// Bytes in a binary file.
+    /// Size of a number in a binary file, in bytes.
     pub fn size(self) -> usize {
         match self {
             Self::I8 | Self::U8 => 1,
@@ -103,7 +103,7 @@ pub struct Property {
     pub name: String,
     /// Type of its numbers.
     pub scalar: Scalar,
-    /// Type of the count that precedes the numbers, for a list.
+    /// Type of the count before the numbers of a list; `None` for a single number.
     pub count: Option<Scalar>,
 }
 
@@ -114,12 +114,12 @@ pub struct Element {
     pub name: String,
     /// Number of rows according to the header.
     pub rows: u64,
-    /// Columns.
+    /// Properties, one per column of the table.
     pub properties: Vec<Property>,
 }
 
 impl Element {
-    /// Position of a property.
+    /// Index of the property with this name.
     pub fn find(&self, name: &str) -> Option<usize> {
         self.properties.iter().position(|property| property.name == name)
     }
@@ -139,13 +139,13 @@ pub struct Header {
     pub format: Format,
     /// Elements in the order of the body.
     pub elements: Vec<Element>,
-    /// Comment lines without the word `comment`.
+    /// Text of each comment line of the header, with the leading keyword removed.
     pub comments: Vec<String>,
     /// Start of the body, in bytes.
     pub body: usize,
 }
 
-/// Largest length of a header.
+/// Maximum length of a header, in bytes.
 const HEADER_LIMIT: usize = 1 << 20;
 
 /// Reads the header. `file` names the file in errors.
@@ -267,8 +267,8 @@ impl<'a> Rows<'a> {
         }
     }
 
-    /// Reads one row. `visit` is called with the position of each property and its numbers (one, or those of a
-    /// list).
+    /// Reads one row. `visit` is called for each property with its index in the element and its numbers: one
+    /// number, or all numbers of a list.
     pub fn row(&mut self, element: &Element, mut visit: impl FnMut(usize, &[f64])) -> Result<(), Error> {
         for (index, property) in element.properties.iter().enumerate() {
             match property.count {

@@ -127,8 +127,9 @@ fn profile(bytes: &[u8]) -> Option<icc::Meaning> {
     }
 }
 
-/// Writes codes as a PNG: 8 bits where `largest` is 255, else 16. `srgb` declares that colour samples are
-/// sRGB-encoded; `texts` are keywords and texts of its metadata. Filter and compression are fixed.
+/// Writes codes as a PNG, with 8 bits per sample if `largest` of the raster is 255, otherwise 16. `srgb` declares
+/// that colour samples are sRGB-encoded; `texts` are keywords and texts of its metadata. Filter and compression are
+/// fixed.
 pub fn write(raster: &Raster, srgb: bool, texts: &[(&str, &str)]) -> Result<Vec<u8>, Error> {
     write_for(raster, Packing::Small, srgb, texts, Progress::UNTRACKED)
 }

@@ -18,12 +18,12 @@ pub enum Packing {
     /// Makes small files: each row uses the filter whose bytes have the smallest sum of magnitudes. The deflate
     /// level is 6.
     Small,
-    /// Takes a tenth of the time and makes larger files: stores differences from the row above, deflated with a fixed
-    /// code.
+    /// Takes a tenth of the time and makes larger files: stores differences from the row above, deflated with a
+    /// fixed code.
     Fast,
 }
 
-/// Number of bytes of rows that are filtered at a time and held in addition to the picture.
+/// Number of bytes of filtered rows that are held in memory at a time, in addition to the picture.
 const BATCH: usize = 1 << 18;
 
 enum Deflate {
@@ -32,7 +32,8 @@ enum Deflate {
 }
 
 impl Deflate {
-    /// Creates a compressor with this capacity, so that its memory is known in advance.
+    /// Creates a compressor whose output buffer has a capacity of `room` bytes, so that its memory is known in
+    /// advance.
     fn new(packing: Packing, room: usize) -> std::io::Result<Self> {
         let room = Vec::with_capacity(room);
         Ok(match packing {

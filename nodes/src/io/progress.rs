@@ -55,7 +55,7 @@ impl<'a> Progress<'a> {
         if cx.cancelled() { Err(Error::Stopped) } else { Ok(()) }
     }
 
-    /// Applies `f` to a slice, some elements at a time.
+    /// Applies `f` to consecutive pieces of a slice, and checks for cancellation between them.
     ///
     /// # Errors
     /// [`Error::Stopped`].
@@ -88,7 +88,7 @@ fn stopped(error: Error) -> io::Error {
 pub struct TrackedReader<'a> {
     bytes: &'a [u8],
     at: usize,
-    /// Position of the next check.
+    /// Position in the file at which cancellation is checked next.
     asks: usize,
     progress: Progress<'a>,
 }

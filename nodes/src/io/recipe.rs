@@ -10,7 +10,7 @@ pub fn is_picture(bytes: &[u8]) -> bool {
     [&b"\x89PNG"[..], &b"\xff\xd8\xff"[..], &b"v/1\x01"[..]].iter().any(|magic| bytes.starts_with(magic))
 }
 
-/// Maximum size in bytes of a recipe in a PNG. Its text may be compressed, and 1 MB could expand to 1 GB.
+/// Maximum size in bytes of a recipe in a PNG. Text in a PNG may be compressed, and 1 MB could expand to 1 GB.
 const LONGEST: usize = 16 << 20;
 
 /// The recipe in a picture; `None` if the picture has no recipe, has one that is too long, or is damaged before it.

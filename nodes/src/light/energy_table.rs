@@ -11,7 +11,7 @@ use crate::math::equirect::{axes, direction, pixel_solid_angle};
 use crate::math::num;
 use crate::types::{Cell, Table};
 
-/// Number of lights listed individually: those with the most light.
+/// Maximum number of lights that are listed. The lights with the most power are listed first.
 const LISTED: usize = 32;
 /// A pixel with a luminance above this fraction of white belongs to a light.
 const BRIGHT: f64 = 0.95;
@@ -32,7 +32,7 @@ pub struct EnergyTable {
     steps: Vec<(&'static str, Energy, Vec<f64>)>,
 }
 
-/// The direction of a pixel's centre and its solid angle.
+/// The direction of the centre of pixel `at`, and the solid angle of this pixel.
 fn pixel(up: Up, width: usize, height: usize, at: usize) -> (DVec3, f64) {
     let (u, v) = ((at % width) as f64 + 0.5, (at / width) as f64 + 0.5);
     let toward = direction(up, u / width as f64, v / height as f64);
@@ -158,10 +158,14 @@ impl EnergyTable {
         ];
         rows.extend((0..self.lights.len()).map(|i| {
             let values = self.steps.iter().map(|(.., facing)| facing[i]).collect();
-            row(format!("irradiance facing light {}", i + 1), values)
+            row(format!("irradiance from light {} on a plane that faces it", i + 1), values)
         }));
         let names = std::iter::once("").chain(self.steps.iter().map(|(name, ..)| *name));
-        let places = ["azimuth (deg, clockwise from forward)", "elevation (deg)", "radius counted (deg)"];
+        let places = [
+            "azimuth (deg, clockwise from forward)",
+            "elevation (deg)",
+            "counted up to this angle from the centre (deg)",
+        ];
         [
             Table::new("lights", places, self.lights.iter().map(place).collect()),
             Table::new("steps", names, rows),

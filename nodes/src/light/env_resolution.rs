@@ -15,7 +15,7 @@ use crate::math::equirect::pixel_solid_angle;
 use crate::math::num;
 use crate::types::{Environment, Material, Object, Placed};
 
-/// Number of texels across the reflection lobe of the smoothest material, measured at half of its maximum.
+/// Number of texels across the reflection lobe of the smoothest material, at half of the lobe's maximum.
 const ACROSS_LOBE: f64 = 4.0;
 /// Number of texels across the smallest light.
 const ACROSS_LIGHT: f64 = 8.0;
@@ -29,7 +29,7 @@ const LEAST: usize = 64;
 /// Required resolution of an environment.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct EnvResolution {
-    /// A power of two, or the largest allowed number.
+    /// Number of columns: a power of two, or the largest allowed number.
     pub(crate) columns: usize,
     /// Roughness of the smoothest reflecting surface; `None` if all are matte.
     roughness: Option<f64>,
@@ -61,7 +61,7 @@ impl EnvResolution {
         }
     }
 
-    /// Adds a note if at most half of the columns are needed.
+    /// Adds a note if at most half of the columns of the environment are needed.
     pub(crate) fn report(&self, environment: &Environment, notes: &mut Notes) {
         let there = environment.image.width;
         if 2 * self.columns > there {
@@ -77,7 +77,7 @@ impl EnvResolution {
         );
     }
 
-    /// The reason for the number of columns, in words.
+    /// Text that states the reason for the number of columns.
     pub(crate) fn why(&self) -> String {
         let surface = match self.roughness {
             Some(roughness) => format!("the smoothest surface of the objects has roughness {roughness:.2}"),

@@ -14,13 +14,14 @@ const ABOVE_WHITE: f64 = 0.15;
 
 /// A display colour counts as clipped if one of its channels, in linear light, is above this.
 pub(crate) const WHITE: f32 = 0.9;
-/// Darker light is raised to this value before it is compared, since 8-bit codes are too coarse to represent it.
+/// Minimum luminance in comparisons. Darker light is raised to this value, since 8-bit codes are too coarse to
+/// represent it.
 pub(crate) const DARKEST: f64 = 1e-4;
 
-/// The factor that scales the light of a panorama to EV 0, as a photographer would meter it: the median of its
-/// positive samples becomes 0.5 after raising to 1 / 2.4, unless more than 15 % of the sphere would then exceed 1
-/// in their brightest channel. This is the rule of DiffusionLight's tone mapping (Phongthawee et al. 2024), with
-/// the bound of 15 % added. `None` for a black panorama.
+/// The factor that scales the light of a panorama to EV 0, as a photographer would meter it. With this factor, the
+/// median of the positive samples is 0.5 after raising to 1 / 2.4. A smaller factor is used if the brightest
+/// channel would otherwise exceed 1 in more than 15 % of the sphere. This is the rule of DiffusionLight's tone
+/// mapping (Phongthawee et al. 2024), with the bound of 15 % added. `None` for a black panorama.
 pub fn ev0_scale(image: &Image<Linear>) -> Option<f64> {
     let mut positive: Vec<f32> = image.samples.iter().copied().filter(|v| *v > 0.0).collect();
     if positive.is_empty() {
@@ -71,9 +72,10 @@ impl Shown {
     }
 }
 
-/// The hidden light of a pixel: log2 of its luminance relative to the panorama, at least 0. It is measured in the
-/// first of `exposures` (sorted from brightest to darkest) that is not clipped at the pixel, otherwise in the last
-/// one. The flag is true if all exposures are clipped. `None` if there are no exposures.
+/// The hidden light of a pixel: log2 of the ratio of its true luminance to its luminance in the panorama, at least
+/// 0. The true luminance is taken from the first of `exposures` (sorted from brightest to darkest) in which the
+/// pixel is not clipped, or from the last one if it is clipped in all. The flag is true in the latter case. `None`
+/// if there are no exposures.
 pub(crate) fn measured(own: [f32; 3], exposures: impl Iterator<Item = Shown>) -> Option<(f32, bool)> {
     let own = f64::from(luminance(own)).max(DARKEST);
     let mut last = None;

@@ -33,7 +33,7 @@ impl Level {
         Self { width, height, pixels }
     }
 
-    /// Bilinear colour at the point (x, y) in pixels, of a level without holes.
+    /// Bilinearly interpolated colour of a level without holes, at the point (x, y) in pixels.
     fn at(colours: &[[f32; 3]], width: usize, height: usize, x: f32, y: f32) -> [f32; 3] {
         let (left, top) = ((x - 0.5).floor(), (y - 0.5).floor());
         let (fx, fy) = (x - 0.5 - left, y - 0.5 - top);

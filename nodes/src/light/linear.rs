@@ -9,7 +9,8 @@ engine::choices! {
     pub enum Transfer {
         /// The sRGB curve (IEC 61966-2-1), which splat renders and photographs use.
         Srgb,
-        /// A pure power of 2.4, as in the HDR fusion of the LightHarmony3D paper; darkens unclipped light by about a tenth.
+        /// A pure power of 2.4, as in the HDR fusion of the LightHarmony3D paper. Unclipped light becomes about a
+        /// tenth darker than with `Srgb`.
         Gamma24,
     }
 }

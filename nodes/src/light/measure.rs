@@ -159,7 +159,8 @@ pub fn dominant(coarse: &[Cell], fine: &[Cell]) -> Option<DVec3> {
 }
 
 /// Irradiance of a plane from within 15 degrees of `light`, divided by the irradiance from all other directions;
-/// `None` if the latter is 0. The plane is the ground, or a plane that faces the light if the light is low.
+/// `None` if the latter is 0. The plane is the ground. If `light` is less than about 6 degrees above the horizon,
+/// the plane faces `light` instead.
 pub fn contrast(cells: &[Cell], light: DVec3, up: DVec3) -> Option<f64> {
     let normal = if light.dot(up) > 0.1 { up } else { light };
     let (mut near, mut rest) = (0.0, 0.0);

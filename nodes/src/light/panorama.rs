@@ -19,7 +19,8 @@ engine::choices! {
     }
 }
 
-/// Number of panorama columns per pixel of a view's side: the resolution of the view at its centre.
+/// Number of useful panorama columns per pixel of the side of a cube-map view. A finer panorama would not show more
+/// detail.
 pub(crate) const COLUMNS_A_PIXEL: u32 = 2;
 
 /// A panorama before its holes are filled.
@@ -99,7 +100,7 @@ pub(crate) fn finish(
     Ok(Panorama { image, alpha, up, origin: Some(origin), turned_deg: 0.0 })
 }
 
-/// Linear light, premultiplied, of one row of premultiplied RGBA.
+/// Converts one row of premultiplied RGBA to premultiplied linear light.
 pub(crate) fn linear_row(row: &[[f32; 4]], encoded: bool) -> Vec<[f32; 4]> {
     let linear = |c: f32, alpha: f32| color::linear_from_srgb(c / alpha) * alpha;
     let pixels = row.iter().map(|&[r, g, b, a]| {
@@ -118,7 +119,9 @@ pub(crate) fn check_width(width_px: u32) -> Result<(), NodeError> {
     if width_px.is_multiple_of(2) {
         return Ok(());
     }
-    Err(NodeError::new(format!("a panorama of {width_px} px has no integer height"))
-        .at("width_px")
-        .hint("use an even number"))
+    Err(NodeError::new(format!(
+        "a panorama with an odd width of {width_px} px has no whole height, which is half its width"
+    ))
+    .at("width_px")
+    .hint("use an even number"))
 }

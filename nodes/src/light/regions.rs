@@ -2,10 +2,10 @@
 
 use std::collections::BTreeSet;
 
-/// Four-connected regions of an equirectangular mask; the left edge touches the right one. Regions are
-/// numbered from 0 in the order of their first pixel, row by row; `None` is outside.
+/// Four-connected regions of an equirectangular mask, whose left edge is adjacent to its right edge. Regions are
+/// numbered from 0 in the order of their first pixels, row by row.
 pub struct Regions {
-    /// Region of each pixel, row by row.
+    /// Index of the region of each pixel, row by row; `None` for pixels outside the mask.
     pub of: Vec<Option<u32>>,
     /// Number of regions.
     pub count: usize,
@@ -70,10 +70,10 @@ pub fn around(region: &[usize], (width, len): (usize, usize), steps: usize) -> B
     found
 }
 
-/// Distance in pixels from each pixel of the mask to the nearest pixel outside it, 0 outside; the poles do not
-/// count as an edge. Exact Euclidean distance by lower envelopes of parabolas (Felzenszwalb and Huttenlocher,
-/// Distance Transforms of Sampled Functions, 2012). Rows are extended by a quarter turn on both sides, so distances
-/// are limited to the end of the extension.
+/// Distance in pixels from each pixel of the mask to the nearest pixel outside it; 0 for pixels outside the mask.
+/// The poles do not count as an edge. Exact Euclidean distance by lower envelopes of parabolas (Felzenszwalb and
+/// Huttenlocher, Distance Transforms of Sampled Functions, 2012). Rows are extended by a quarter turn on both
+/// sides, so no distance exceeds the end of the extension.
 pub fn distance_to_edge(mask: &[bool], width: usize) -> Vec<f32> {
     let height = mask.len() / width;
     let far = ((width + height) * (width + height) * 4) as f64;

@@ -22,16 +22,17 @@ pub enum Sphere {
 /// Difference between a sphere in one light and the same sphere in the reference.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SphereError {
-    /// Root of the mean square error over pixels and channels, relative to the reference.
+    /// Root-mean-square difference over pixels and channels, divided by the root-mean-square value of the
+    /// reference.
     pub relative: f64,
-    /// Same as `relative`, after scaling by the factor that minimises the error.
+    /// Same as `relative`, after scaling the compared sphere by the factor that minimises the difference.
     pub scaled: f64,
-    /// Mean angle between colours as vectors, in degrees.
+    /// Mean angle between the colours of both spheres, taken as RGB vectors, in degrees.
     pub angle_deg: f64,
 }
 
-/// Renders a sphere in both lights from far away along `forward`, orthographically. `None` if the reference is
-/// black.
+/// Compares renders of a sphere in both lights. The camera is orthographic and looks along `forward`. `None` if the
+/// reference is black.
 pub fn sphere_error(
     sphere: Sphere,
     found: &[Cell],

@@ -11,8 +11,8 @@ use crate::io::picture::{FileEncoding, decode};
 use crate::io::progress::Progress;
 use crate::types::{Data, Image, Linear, Picture, Srgb};
 
-/// Reads the picture of a file, or a layer of it. A partial sphere is placed by its metadata and is transparent
-/// elsewhere; a picture of another aspect ratio is reported.
+/// Reads the picture of a file, or a layer of it. A picture of a part of the sphere is placed according to its
+/// metadata and is transparent elsewhere. An aspect ratio other than 2:1 is reported.
 pub(crate) fn open(
     path: &InputFile,
     layer: &str,
@@ -35,7 +35,7 @@ pub(crate) fn open(
     Ok(picture)
 }
 
-/// Expands a picture to the whole sphere if the metadata of its file says that it is a part.
+/// Expands a picture to the whole sphere if the metadata of its file says that it shows only a part.
 pub(crate) fn whole(name: &str, bytes: &[u8], picture: Picture, notes: &mut Notes) -> Result<Picture, Error> {
     let Some(part) = GPano::find(bytes) else { return Ok(picture) };
     tell(&part, notes);

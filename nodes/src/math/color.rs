@@ -5,7 +5,7 @@ use crate::math::num;
 /// Rec.709 luminance weights, rounded to five digits. The decimal numbers sum to exactly 1.
 pub const LUMINANCE: [f32; 3] = [0.21267, 0.71516, 0.07217];
 
-/// Luminance of linear RGB, added in the order R, G, B.
+/// Luminance of linear RGB. The weighted components are added in the order R, G, B.
 #[inline]
 pub fn luminance(rgb: [f32; 3]) -> f32 {
     LUMINANCE[0] * rgb[0] + LUMINANCE[1] * rgb[1] + LUMINANCE[2] * rgb[2]
@@ -33,7 +33,7 @@ pub fn linear_from_srgb8() -> [f32; 256] {
     std::array::from_fn(|code| linear_from_srgb(code as f32 / 255.0))
 }
 
-/// The 8-bit code nearest to a display value; below 0 and NaN give 0, above 1 gives 255.
+/// The 8-bit code nearest to a display value. Values below 0 and NaN give 0, values above 1 give 255.
 #[inline]
 pub fn code8(encoded: f32) -> u8 {
     (encoded.clamp(0.0, 1.0) * 255.0 + 0.5) as u8

@@ -13,9 +13,9 @@ macro_rules! unary {
     };
 }
 unary! {
-    sin = sin, "Sine of radians.";
-    cos = cos, "Cosine of radians.";
-    tan = tan, "Tangent of radians.";
+    sin = sin, "Sine of an angle in radians.";
+    cos = cos, "Cosine of an angle in radians.";
+    tan = tan, "Tangent of an angle in radians.";
     asin = asin, "Arc sine, in radians.";
     acos = acos, "Arc cosine, in radians.";
     atan = atan, "Arc tangent, in radians.";

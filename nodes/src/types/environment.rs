@@ -61,7 +61,7 @@ pub struct Environment {
     pub image: Light,
     /// The axis of the world that points up; determines the direction of every texel.
     pub up: Up,
-    /// The point where it was captured, if known.
+    /// The point where the light was captured, if known.
     pub origin: Option<DVec3>,
 }
 

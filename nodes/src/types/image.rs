@@ -185,7 +185,7 @@ impl Images {
         image.encode(to);
     }
 
-    /// Returns the picture of a view: the one with that name, or the only one.
+    /// Returns the picture of a view: the picture with this name, or the only picture of the set.
     pub fn view(&self, name: &str) -> Option<&Picture> {
         let named = self.0.iter().find(|image| image.name == name);
         named.or(if self.0.len() == 1 { self.0.first() } else { None }).map(|image| &image.picture)
@@ -254,7 +254,8 @@ impl Artifact for Images {
     }
 }
 
-/// The difference of two rasters of samples, in decibels (peak 1) and as the largest deviation.
+/// The difference between two rasters of samples: the PSNR in decibels, for a peak of 1, and the largest deviation
+/// with its position.
 pub(crate) fn samples_difference(
     name: &str,
     size: (usize, usize, usize),

@@ -119,7 +119,7 @@ pub struct Clearcoat {
     pub strength: Map,
     /// Perceptual roughness, 0 to 1; green channel.
     pub roughness: Map,
-    /// Normal map of the layer, independent of that of the layers below.
+    /// Normal map of the layer, independent of the normal map of the layers below.
     pub normal: Option<NormalMap>,
 }
 
@@ -259,7 +259,8 @@ impl Default for Material {
 }
 
 impl Material {
-    /// The set of texture coordinates of its tangents, if it has a normal map or anisotropy.
+    /// The set of texture coordinates that tangents are generated from; `None` for a material with neither a normal
+    /// map nor anisotropy, which needs no tangents.
     pub fn tangent_set(&self) -> Option<u32> {
         let bumps = self.normal.or(self.clearcoat.normal).map(|map| map.texture.uv_set);
         let brush = (self.anisotropy.strength > 0.0).then(|| self.anisotropy.texture.map_or(0, |t| t.uv_set));

@@ -176,6 +176,10 @@ impl Artifact for Placed {
         if self.object != other.object {
             return self.object.difference(&other.object);
         }
-        if self == other { Difference::none() } else { Difference::of("the same object elsewhere") }
+        if self == other {
+            Difference::none()
+        } else {
+            Difference::of("the same object with a different pose")
+        }
     }
 }

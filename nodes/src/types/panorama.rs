@@ -29,9 +29,9 @@ pub struct Panorama {
 pub enum Taken {
     /// Derived from the gain map: sRGB, clipped to 1.
     Derived,
-    /// Photographs with display colours, clipped to 1: their codes use the curve of the panorama.
+    /// Photographs in display colours, clipped to 1, encoded with the same transfer curve as the panorama.
     Display,
-    /// Photographs with linear light, in sRGB codes: values above 1 are possible, and nothing is clipped.
+    /// Photographs in linear light, stored as sRGB codes. Values may exceed 1, and nothing is clipped.
     Linear,
 }
 
@@ -43,8 +43,8 @@ pub struct Brackets {
     pub log2_gain: Image<Data>,
     /// Exposure values, ascending (darkest first), of the pictures in `exposures`.
     pub evs: Vec<f64>,
-    /// The photograph that a camera would take at each of `evs`, display-encoded. Clipped to 1 unless `taken` is
-    /// [`Taken::Linear`].
+    /// For each of `evs`, the photograph that a camera would take, display-encoded. It is clipped to 1 unless
+    /// `taken` is [`Taken::Linear`].
     pub exposures: Vec<Image<Srgb>>,
     /// Source of the exposures.
     pub taken: Taken,

@@ -5,8 +5,8 @@ use glam::{DMat4, DVec3};
 
 use super::rig::exactly;
 
-/// The pose of an object: the affine transform from a local frame, whose axes are those of the world (up is up) and
-/// whose origin is the object's foot, to the world.
+/// The pose of an object: an affine transform from a local frame to the world. The axes of the local frame are
+/// those of the world (up is up), and its origin is the object's foot.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Pose {
     /// Transform from the local frame to the world, in world units.

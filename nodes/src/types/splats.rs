@@ -23,7 +23,7 @@ pub struct Splats {
     pub means: Vec<[f32; 3]>,
     /// Remainder of each centre that f32 cannot hold, to be added in f64; empty if the file stores f32. Needed for
     /// files with centres in f64 (survey coordinates) or with fine quantisation (SOG): a render of 16-bit SOG
-    /// deviates from the file by -105 dB without it, and by less than -120 dB with it.
+    /// deviates from the file by -105 dB without this remainder, and by less than -120 dB with it.
     pub means_low: Vec<[f32; 3]>,
     /// Unit quaternions (w, x, y, z): rotation from the axes of the Gaussian to the world.
     pub quats: Vec<[f32; 4]>,
@@ -217,7 +217,7 @@ impl Artifact for Views {
     }
 }
 
-/// A colour image of these samples, in the encoding of the splats.
+/// A colour picture made of these samples, marked with the encoding of the splats.
 pub(crate) fn tagged(
     encoding: SplatEncoding,
     width: usize,

@@ -9,9 +9,11 @@ pub(crate) fn check_name(name: &str) -> Result<(), NodeError> {
         || name.contains(char::is_control)
         || name == ".."
     {
-        return Err(NodeError::new(format!("`{name}` cannot name a view: it becomes part of a file name"))
-            .at("name")
-            .hint("use letters, digits, `-` and `_`"));
+        return Err(NodeError::new(format!(
+            "`{name}` cannot be the name of a view, which becomes part of file names"
+        ))
+        .at("name")
+        .hint("use letters, digits, `-` and `_`"));
     }
     Ok(())
 }

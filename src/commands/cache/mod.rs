@@ -26,8 +26,8 @@ enum Verb {
     Stat,
     /// Read everything and report damage, without changing anything; exit code 1 if something is damaged
     Verify,
-    /// Move damaged results aside now, so that they are recomputed; runs do the same with damaged results that they
-    /// find
+    /// Move damaged results aside now, so that they are recomputed; a run does this only with damaged results that
+    /// it finds
     Repair,
     /// Remove the least recently used results; waits until no run is active
     Gc(Gc),

@@ -12,7 +12,7 @@ use nodes::kinds::load_image::LoadImage;
 /// Width and height of each view in pixels.
 type Sizes = Vec<[u64; 2]>;
 
-/// Kinds whose pictures have the size of one of their inputs, each with that input.
+/// Kinds whose output pictures have the size of one of their inputs: (kind, name of this input).
 const FOLLOWS: [(&str, &str); 7] = [
     ("splat-render", "rig"),
     ("path-trace", "rig"),
@@ -56,7 +56,7 @@ pub fn check(graph: &Graph) -> Result<(), Diagnostics> {
     if mistakes.is_empty() { Ok(()) } else { Err(Diagnostics::new(graph.source.clone(), mistakes)) }
 }
 
-/// False if no view of one list has the size of a view of the other.
+/// False if both lists have views but no size occurs in both.
 fn fit(a: &Sizes, b: &Sizes) -> bool {
     a.is_empty() || b.is_empty() || a.iter().any(|size| b.contains(size))
 }

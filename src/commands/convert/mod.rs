@@ -102,8 +102,11 @@ impl Convert {
 /// must not create a folder.
 fn check_output(input: &Path, output: &Path) -> Result<(), NodeError> {
     if ReadFiles::new([input.to_owned()]).has(output) {
-        return Err(NodeError::new(format!("`{}` is the input file", output.display()))
-            .hint("name another output file"));
+        return Err(NodeError::new(format!(
+            "the output `{}` is the same file as the input",
+            output.display()
+        ))
+        .hint("name another output file"));
     }
     let folder = output.parent().filter(|folder| !folder.as_os_str().is_empty());
     let Some(folder) = folder.filter(|folder| !folder.is_dir()) else { return Ok(()) };

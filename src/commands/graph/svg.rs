@@ -9,8 +9,9 @@ use trade::escape::escaped;
 
 use super::state;
 
-/// Height of a box and space between boxes, in pixels.
+/// Height of a box, in pixels.
 const HEIGHT: usize = 52;
+/// Horizontal and vertical space between boxes, in pixels.
 const GAP: (usize, usize) = (60, 18);
 const MARGIN: usize = 20;
 /// Width in pixels that is reserved for a letter; few letters are wider.
@@ -23,7 +24,8 @@ struct Entry {
     passes: bool,
 }
 
-/// Maximum number of entries, since a long chain whose wires all end in one node would have millions.
+/// Maximum number of entries of a drawing. A long chain of nodes, each of which is also wired to the last node,
+/// would have millions.
 const MOST_ENTRIES: usize = 50_000;
 
 /// The SVG text; `None` for a graph that is too large.
@@ -74,8 +76,9 @@ pub fn svg(graph: &Graph, plan: &[Planned]) -> Option<String> {
     Some(text + "</svg>\n")
 }
 
-/// The entries of each column, from top to bottom. A node is to the right of its inputs, at their average height;
-/// nodes at equal heights, and those of the first column, are in file order.
+/// The entries of each column, from top to bottom. A node is in the column after the last of its inputs. Within a
+/// column, entries are sorted by the average row of their inputs in the previous column, then by the position of
+/// their node in the file. `None` if there are more than [`MOST_ENTRIES`].
 fn columns(graph: &Graph) -> Option<Vec<Vec<Entry>>> {
     let mut column = vec![0; graph.nodes.len()];
     let mut last = vec![0; graph.nodes.len()];
@@ -122,7 +125,7 @@ fn above<'g>(graph: &'g Graph, entry: &'g Entry) -> &'g [usize] {
     if entry.passes { std::slice::from_ref(&entry.node) } else { graph.reads(entry.node) }
 }
 
-/// The rows of the nodes in the current column.
+/// Rows of the nodes in one column.
 struct Rows {
     /// For each node, the last column that contained it and its row there.
     of: Vec<(usize, usize)>,

@@ -208,7 +208,7 @@ pub fn text(survey: &Survey) -> String {
     }
     line("");
     line(
-        "        // The light at the object: six views become a panorama, and the light that clipping hid is predicted.",
+        "        // The light at the object: six views become a panorama, and the light lost to clipping is predicted.",
     );
     line(&format!(
         "        probe:  CubeRig(at: \"stands\", height_metres: {}, size_px: 256),",

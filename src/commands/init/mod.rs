@@ -52,13 +52,13 @@ and `lightharmony nodes path-trace` describes one kind.
 ";
 
 const MADE_UP: &str = "
-The scene in it is synthetic. For your own scene:
+The scene of this graph is synthetic. For your own scene:
 
     lightharmony init FOLDER --splats capture.ply --object chair.glb
 ";
 
 const HAND_ON: &str = "
-To share it: `lightharmony pack graph.ron picture.lhb`; the receiver runs `lightharmony verify picture.lhb`.
+To share it: `lightharmony pack graph.ron picture.lhb`; the recipient runs `lightharmony verify picture.lhb`.
 ";
 
 impl Init {

@@ -72,8 +72,8 @@ pub struct Survey {
     pub yaw_deg: f64,
 }
 
-/// The path of a file as written in a graph in `folder`: relative if both are below a common folder other than the
-/// root.
+/// The path of a file as written in a graph in `folder`: relative to `folder` if the two have a common parent
+/// folder other than the root, otherwise absolute.
 pub fn relative(folder: &Path, file: &Path) -> Result<String, NodeError> {
     let absolute = |path: &Path| -> Result<PathBuf, NodeError> {
         // The folder may not exist yet.
@@ -205,8 +205,8 @@ fn photo(path: &Path, files: &Files<'_>, cameras: Option<&Rig>) -> Result<Photo,
     Ok(Photo { path: relative(files.folder, path)?, camera: camera.name.clone() })
 }
 
-/// Number of decimal places of coordinates: the smallest number, at least 2, for which the radius of the scene is
-/// 2000 steps or more.
+/// Number of decimal places of coordinates: the smallest number, from 2 to 9, for which the radius of the scene is
+/// at least 2000 units of the last place.
 fn decimals(stand: &LevelEstimate) -> usize {
     let (mut digits, mut size) = (0, stand.radius);
     while size < 2000.0 && digits < 9 {
@@ -222,7 +222,8 @@ fn rounded(value: f64, decimals: usize) -> f64 {
     if whole == 0.0 { 0.0 } else { whole }
 }
 
-/// The yaw, in degrees, at which the front of an object (+z of glTF) points in a direction or slightly past it.
+/// The yaw, in degrees, with which the front of an object (+z of glTF) points about 20 degrees past the direction
+/// `towards`. Rounded to a multiple of 5 degrees.
 fn facing(towards: DVec3, up: Up) -> f64 {
     let [right, forward, _] = axes(up);
     // Front of glTF in the world is the opposite of forward.

@@ -59,7 +59,8 @@ impl Shown<'_> {
         let mut sheet = Canvas::new(SIDE + 2 * (VIEW[0] + gap), SIDE, [0.06; 3]);
         sheet.put(&plan.canvas, [0, 0]);
         let decimals = if stand.radius < 2.0 { 4 } else { 2 };
-        let _ = writeln!(lines, "{:>14}  lines every {} units; up {}", "plan", plan.step, self.up.name());
+        let _ =
+            writeln!(lines, "{:>14}  grid lines every {} units; {} is up", "plan", plan.step, self.up.name());
         for (n, view) in found.iter().enumerate() {
             let canvas = self.view(view, world[2], n + 1, cx)?;
             sheet.put(&canvas, [SIDE + gap + (n % 2) * (VIEW[0] + gap), (n / 2) * (VIEW[1] + gap)]);
@@ -124,8 +125,8 @@ pub(super) fn of_splats(file: &Path, cameras: Option<&Path>) -> Result<Drawn, No
     Ok((png, lines))
 }
 
-/// Draws a mesh, or an object with its base colours. Up is the axis defined by the format or, without a definition,
-/// the normal of the estimated floor.
+/// Draws a mesh, or an object with its base colours. Up is the axis that the format defines. If it defines none, up
+/// is the normal of the estimated floor.
 pub(super) fn of_mesh(mesh: &Mesh, declared: Option<Up>) -> Result<Drawn, NodeError> {
     let measured = level::of_mesh(mesh, None).filter(LevelEstimate::is_sure);
     let axis = measured.as_ref().and_then(LevelEstimate::axis);

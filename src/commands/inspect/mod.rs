@@ -40,14 +40,15 @@ pub struct Inspect {
     memory: MemoryArgs,
 }
 
-/// The output, as JSON.
+/// The measured properties, which are printed as text or as JSON.
 #[derive(Serialize)]
 struct Answer<'a> {
     file: String,
     /// Type of the content: `splats`, `mesh` or `picture`.
     holds: &'static str,
     format: Option<&'static str>,
-    /// The up axis that the format defines; the coordinates are as stored in any case.
+    /// The up axis that the format defines; `None` if it defines none. Coordinates are reported as stored in either
+    /// case.
     declared_up: Option<&'static str>,
     #[serde(flatten)]
     scene: Option<&'a Inspection>,

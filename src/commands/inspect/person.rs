@@ -65,7 +65,7 @@ impl Lines {
         self.line(
             "up, guessed",
             format!(
-                "{}{} with confidence {:.2} (next: {}); floor at {axis} = {}, {:.0} % of the surface lies in it",
+                "{}{} with confidence {:.2} (second best: {}); floor at {axis} = {}, {:.0} % of the surface lies in it",
                 if floor.is_clear() { "" } else { "not clear: " },
                 floor.up,
                 floor.confidence,
@@ -180,7 +180,7 @@ fn of_splats(text: &mut Lines, scene: &Inspection, declared_up: Option<&str>) {
     let ruler = Ruler::of(scene.core.map_or(0.0, |core| core.diagonal()));
     if let (Some(bounds), Some(core), Some(centre)) = (&scene.bounds, &scene.core, scene.centre) {
         text.line("bounds", ruler.extent(bounds));
-        text.line("core (96 %)", ruler.extent(core));
+        text.line("central 96 %", ruler.extent(core));
         text.line("median", ruler.vector(centre));
     }
     if let Some(up) = declared_up {
@@ -216,7 +216,7 @@ fn of_splats(text: &mut Lines, scene: &Inspection, declared_up: Option<&str>) {
         text.line(
             "overdraw",
             format!(
-                "about {:.0} splats per pixel from inside, {:.0} from outside, if nothing is hidden",
+                "about {:.0} splats per pixel seen from inside, {:.0} from outside, including hidden splats",
                 overdraw.from_inside, overdraw.from_outside
             ),
         );

@@ -63,7 +63,7 @@ impl Run {
         let begin = Instant::now();
         let time = self.time.as_deref().map(time).transpose()?;
         if time.is_some_and(|time| time.is_zero()) {
-            return Err(Error::usage("--time must be above 0"));
+            return Err(Error::usage("`--time` must be above 0"));
         }
         let mut texts = Vec::new();
         let origin = self.graph.read(&mut texts)?;
@@ -84,7 +84,7 @@ impl Run {
             let chosen;
             (loaded, chosen) = budget::to_error(loaded, error)?;
             if !chosen.is_empty() {
-                let why = "with an error bound, the maximum is the number of samples of the graph, not of its preset";
+                let why = "with an error bound, the maximum number of samples is that of the graph, not that of a preset";
                 self.print_chosen(json!({"max_error": error}), &chosen, why);
             }
         }
@@ -143,7 +143,7 @@ impl Run {
                 [begin.elapsed(), time].map(|time| terminal::seconds_text(time.as_secs_f64()));
             report.show(&Event::Warning {
                 id: "time-missed",
-                text: format!("the run took {took}, more than the {asked} of --time"),
+                text: format!("the run took {took}, more than the {asked} of `--time`"),
             });
         }
         end.iter().for_each(|end| report.show(end));
@@ -182,7 +182,7 @@ impl Run {
     /// Returns an exit code if this run failed or was interrupted.
     fn pilot(&self, loaded: &Loaded, engine: &Engine, cancel: &Arc<AtomicBool>) -> Result<Option<u8>, Error> {
         let Some((graph, chosen)) = budget::pilot(loaded, engine)? else { return Ok(None) };
-        let why = "the time of a sample is not known yet, so these are taken first and kept";
+        let why = "the time per sample is not known yet, so these samples are taken first and kept";
         self.print_chosen(json!({"pilot": true}), &chosen, why);
         let targets = if loaded.only.is_empty() { graph.targets() } else { loaded.only.clone() };
         let wanted = graph.above(&targets);
@@ -214,7 +214,7 @@ impl Run {
         let object = json!({"forecast": forecast, "time": seconds});
         self.print_chosen(object, &chosen, &terminal::forecast_text(&forecast));
         if forecast.seconds > seconds && !self.json {
-            terminal::remark("the forecast for the minimum number of samples is longer than --time");
+            terminal::remark("the forecast for the minimum number of samples is longer than `--time`");
         }
         Ok(loaded)
     }

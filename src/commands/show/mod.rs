@@ -14,8 +14,8 @@ use crate::terminal;
 /// Writes the picture of any node, without editing the graph.
 ///
 /// Computes the node if its result is not known. Linear light is shown with the sRGB curve; depths and other
-/// numbers are
-/// stretched from black (smallest) to white (largest); normals are shown as colours. Several views become a sheet.
+/// numbers are stretched from black (smallest) to white (largest); normals are shown as colours. Several views
+/// become a sheet.
 #[derive(Debug, Args)]
 pub struct Show {
     #[command(flatten)]

@@ -26,16 +26,17 @@ pub struct TrainExposure {
     /// Random seed
     #[arg(long, default_value_t = 7)]
     seed: u64,
-    /// Networks whose predictions are averaged
+    /// Number of networks whose predictions are averaged
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u64).range(1..=64))]
     members: u64,
-    /// Folds of the cross-validation by place; 0 for none
+    /// Number of folds of the cross-validation, which never splits the panoramas of one place; 0 for no
+    /// cross-validation
     #[arg(long, default_value_t = 6, value_parser = clap::value_parser!(u64).range(0..=64))]
     folds: u64,
     /// Number of procedural panoramas in addition to those of the folder
     #[arg(long, default_value_t = 160, value_parser = clap::value_parser!(u32).range(0..=100_000))]
     procedural: u32,
-    /// Training steps of each network
+    /// Number of training steps of each network
     #[arg(long, default_value_t = 200, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     steps: u64,
     /// A folder for the results of the cross-validation: recovered light of panoramas outside the training set, and
@@ -153,8 +154,8 @@ fn read_folder(folder: &Path) -> Result<Vec<(String, nodes::types::Image<nodes::
     panoramas(folder)?.iter().map(read).collect()
 }
 
-/// A table of the mean and median errors, in stops, of panoramas outside the training set. `of` is appended to the
-/// title of each row.
+/// Formats the mean and median errors, in stops, over panoramas that were not in the training set. There is one row
+/// for each measure; `of` is appended to its title.
 fn table(of: &str, scores: &[Score]) -> String {
     if scores.is_empty() {
         return String::new();

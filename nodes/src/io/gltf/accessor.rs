@@ -15,7 +15,7 @@ pub struct Numbers {
 }
 
 impl Numbers {
-    /// The elements as arrays of `N` numbers; `None` if their width differs.
+    /// The elements as arrays of `N` numbers; `None` unless `width` is `N`.
     pub fn arrays<const N: usize>(&self) -> Option<&[[f64; N]]> {
         if self.width == N { Some(self.values.as_chunks::<N>().0) } else { None }
     }

@@ -53,7 +53,7 @@ pub const SUPPORTED: [&str; 19] = [
     "KHR_xmp",
 ];
 
-/// Advice about unsupported extensions.
+/// Advice on how to save a file without an unsupported extension.
 fn advice(extension: &str) -> &'static str {
     match extension {
         "KHR_draco_mesh_compression" => ": Draco compression; save the file without it",
@@ -155,7 +155,7 @@ pub fn parse(name: &str, bytes: &[u8]) -> Result<File, Error> {
 /// Name of the extension for specular-glossiness, which the crate `gltf` does not read.
 pub(crate) const SPECULAR_GLOSSINESS: &str = "KHR_materials_pbrSpecularGlossiness";
 
-/// Replaces specular-glossiness by metallic-roughness as Blender does: the diffuse colour and its texture become
+/// Replaces specular-glossiness with metallic-roughness as Blender does: the diffuse colour and its texture become
 /// the base colour, metallic is 0, and roughness is one minus glossiness. The specular colour is left out.
 fn specular_glossiness(json: &mut Value) {
     for material in json.get_mut("materials").and_then(Value::as_array_mut).into_iter().flatten() {
@@ -202,7 +202,8 @@ fn other_format(name: &str, bytes: &[u8]) -> Option<&'static str> {
     by_bytes.map(|(_, format)| *format).or_else(|| by_name().map(|(_, format)| *format))
 }
 
-/// Checks the accessors of primitives, since the crate uses them as indices before it tests that they exist.
+/// Checks that the accessors of primitives exist, since the crate `gltf` uses them as indices before it tests that
+/// they exist.
 fn check_accessors(name: &str, json: &Value) -> Result<(), Error> {
     let count = json["accessors"].as_array().map_or(0, Vec::len) as u64;
     let known = |index: &Value| index.as_u64().is_none_or(|index| index < count);
@@ -240,7 +241,7 @@ impl File {
         Ok(paths.into_iter().collect())
     }
 
-    /// The bytes of every buffer. `read` reads another file by its relative path.
+    /// The bytes of every buffer. `read` reads a file, given its path relative to this file.
     pub fn buffers<E: From<Error>>(
         &self,
         mut read: impl FnMut(&str) -> Result<Vec<u8>, E>,

@@ -21,7 +21,7 @@ fn relative(path: &str) -> Option<String> {
         .then_some(path)
 }
 
-/// The values of all lines that begin with a word.
+/// The rest of each line that begins with `word`.
 fn values<'a>(bytes: &'a [u8], word: &'a str) -> impl Iterator<Item = String> + 'a {
     bytes.split(|b| *b == b'\n').filter_map(move |line| {
         let line = std::str::from_utf8(line).ok()?.trim();

@@ -1,7 +1,7 @@
 //! Little-endian numbers from a file.
 //!
-//! Every reader first checks the size of the data in one place, with the numbers in the error message, so that all
-//! reads are in bounds. If such a check were wrong, these functions would return 0 and not panic.
+//! Every reader of a format checks the sizes of its data first, and its error states these sizes. Later reads are
+//! therefore in bounds. If such a check were wrong, these functions would return 0 and not panic.
 
 use crate::error::Error;
 
@@ -72,8 +72,8 @@ pub fn range<'a>(
     })
 }
 
-/// Checks a count of splats: it is an error if the available bytes cannot hold it. `densest` is the largest number
-/// of splats per byte: 1 over the bytes of a row, or more if the file is compressed.
+/// Checks a count of splats: it is an error if the available bytes cannot hold it. `densest` is the largest
+/// possible number of splats per byte: the reciprocal of the length of a row, or more if the file is compressed.
 pub fn believed(file: &str, count: u64, held: usize, densest: f64) -> Result<usize, Error> {
     if count as f64 <= held as f64 * densest
         && let Ok(count) = usize::try_from(count)

@@ -47,7 +47,7 @@ pub struct Element {
     pub stride: usize,
     /// Names and positions of the fields, in order.
     pub fields: Vec<(String, Field)>,
-    /// Start of the rows in the file; `None` after rows of varying length.
+    /// Start of the rows in the file; `None` if an earlier element has rows of varying length.
     start: Option<usize>,
     varies: bool,
 }
@@ -58,7 +58,7 @@ impl Element {
         self.fields.iter().find(|(known, _)| known == name).map(|(_, field)| *field)
     }
 
-    /// The bytes of the rows. If the file is too short, the error has the number of rows that it holds.
+    /// The bytes of the rows. If the file is too short, the error states how many rows it holds.
     pub fn rows<'a>(&self, file: &str, bytes: &'a [u8]) -> Result<&'a [u8], Error> {
         let Some(start) = self.start.filter(|_| !self.varies) else {
             let feature = format!("a list property in or before the element `{}`", self.name);
@@ -69,7 +69,7 @@ impl Element {
             let (count, stride, total) = (self.count, self.stride, bytes.len());
             let held = total.saturating_sub(start) / stride.max(1);
             let what = format!(
-                "the header promises {count} rows `{}` of {stride} bytes, but the file holds {held} ({total} bytes)",
+                "the header promises {count} rows of `{}` with {stride} bytes each, but the file holds {held} ({total} bytes)",
                 self.name
             );
             Error::format(file, what)
@@ -82,9 +82,9 @@ impl Element {
 pub struct FixedRows {
     /// The elements, in order.
     pub elements: Vec<Element>,
-    /// End of the last row; `None` after rows of varying length.
+    /// End of the last row; `None` if an element has rows of varying length.
     pub end: Option<usize>,
-    /// Comment lines without the word `comment`.
+    /// Text of each comment line of the header, with the leading keyword removed.
     pub comments: Vec<String>,
 }
 
@@ -132,8 +132,8 @@ impl FixedRows {
 /// Number of rows between two checks for cancellation.
 const CHECK_ROWS: usize = 65_536;
 
-/// The file as binary little-endian. A file in another encoding is converted with the same elements and types, but
-/// without list properties.
+/// The file as binary little-endian. A file in another encoding is converted: list properties are dropped, and all
+/// other properties keep their types.
 pub fn little_endian<'a>(file: &str, bytes: &'a [u8], cx: &Context) -> Result<Cow<'a, [u8]>, NodeError> {
     let header = ply::header(file, bytes)?;
     if header.format == Format::Little {

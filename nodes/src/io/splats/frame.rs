@@ -104,8 +104,8 @@ impl Turn {
     }
 }
 
-/// The quaternion (w, x, y, z) of a rotation. Of four equivalent formulas, the one with the largest result is used,
-/// which avoids division by the root of a small difference.
+/// The quaternion (w, x, y, z) of a rotation. Of four equivalent formulas, the one with the largest divisor is
+/// used, since the others lose precision to cancellation.
 pub fn quaternion(m: DMat3) -> [f64; 4] {
     let (x, y, z) = (m.x_axis, m.y_axis, m.z_axis);
     let squares =
@@ -146,7 +146,7 @@ impl Placing {
         let matrix = from_y_up(self.up) * from_y_up(up).transpose();
         let by = if self.frame == Frame::ByFormat { "by its format" } else { "as `frame` says" };
         let units = if scale == 1.0 { String::new() } else { format!(", and scaled by {scale}") };
-        let text = format!("has {} up {by}; turned to {} up{units}", up.name(), self.up.name());
+        let text = format!("has {} up {by}; rotated to {} up{units}", up.name(), self.up.name());
         let idle = matrix == DMat3::IDENTITY && scale == 1.0;
         ((!idle).then_some((matrix, scale)), Some(text))
     }

@@ -1,5 +1,5 @@
-//! glTF with `KHR_gaussian_splatting` (Khronos, 2025): splats as the points of mesh primitives, with the transforms
-//! of their nodes; GLB, or JSON with external or embedded buffers. The compression extension
+//! glTF with `KHR_gaussian_splatting` (Khronos, 2025): splats are the points of mesh primitives, transformed by the
+//! nodes that use them. The file is GLB, or JSON with external or embedded buffers. The compression extension
 //! `KHR_gaussian_splatting_compression_spz_2` is an SPZ file in a buffer view.
 //!
 //! glTF is y-up and in metres, so splats are rotated and scaled in the same way as objects.
@@ -161,7 +161,7 @@ pub(super) fn chunks<'a>(file: &str, bytes: &'a [u8]) -> Result<(&'a [u8], Optio
     Ok((json, (&head[4..8] == b"BIN\0").then_some(binary)))
 }
 
-/// A use of a primitive, with its transform.
+/// A primitive with the transform of a node that uses it.
 struct Use<'a> {
     primitive: &'a Primitive,
     splatting: Splatting,
@@ -231,7 +231,7 @@ impl Document {
     }
 }
 
-/// Loads a GLB file, or JSON with `fetch` for external files.
+/// Loads a GLB file, or glTF as JSON, in which case `fetch` reads the external files.
 pub(super) fn load(
     file: &str,
     bytes: &[u8],

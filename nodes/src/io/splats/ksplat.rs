@@ -13,7 +13,8 @@ use crate::error::Error;
 
 const HEADER: usize = 4096;
 const SECTION_HEADER: usize = 1024;
-/// Half the range of a harmonic stored as a byte, if the file does not define it (`Constants.js`).
+/// Default for the range of harmonics that are stored as bytes: from minus to plus this value. Used if the file
+/// does not define a range (`Constants.js`).
 const HALF_RANGE: f64 = 1.5;
 
 /// Layout of a row at a level of compression.
@@ -34,9 +35,9 @@ const LEVELS: [Level; 3] = [
     Level { real: 2, harmonic: 1, scale: 6, rotation: 12, colour: 20, harmonics: 24, steps: 32_767 },
 ];
 
-/// True if the bytes begin like such a file, even a truncated one: the version is at least 0.1, the level is known,
-/// there is at least one section, and the numbers of sections and splats in use do not exceed the maximum numbers
-/// (some writers omit the maximum number of splats).
+/// True if the bytes begin like a `.ksplat` file, even a truncated one: the version is at least 0.1, the level is
+/// known, there is at least one section, and the numbers of sections and splats in use do not exceed the maximum
+/// numbers (some writers omit the maximum number of splats).
 pub(super) fn is_ksplat(bytes: &[u8]) -> bool {
     let [sections, used_sections, room, used] = [4, 8, 12, 16].map(|at| u32_at(bytes, at));
     bytes.len() >= 22
@@ -58,14 +59,14 @@ struct Section<'a> {
     centres: &'a [u8],
     bucket_size: usize,
     full: usize,
-    /// Number of rows before the end of each partially filled bucket.
+    /// For each partially filled bucket, the index of the row after its last row.
     ends: Vec<usize>,
     steps: f64,
     step: f64,
 }
 
 impl<'a> Section<'a> {
-    /// Reads the header of a section at `head`. Its data start at `at`, which is advanced.
+    /// Reads the section whose header is `head`. Its data start at `at`, which is advanced to the end of the data.
     fn read(file: &str, bytes: &'a [u8], head: &[u8], level: &Level, at: &mut usize) -> Result<Self, Error> {
         let (count, room) = (u32_at(head, 0) as usize, u32_at(head, 4) as usize);
         let (bucket_size, buckets) = (u32_at(head, 8) as usize, u32_at(head, 12) as usize);
@@ -117,7 +118,7 @@ impl<'a> Section<'a> {
         })
     }
 
-    /// The centre of the bucket of a row.
+    /// The centre of the bucket that row `index` belongs to.
     fn centre(&self, index: usize) -> Result<[f64; 3], RowFault> {
         let bucket = match index.checked_div(self.bucket_size) {
             Some(bucket) if bucket < self.full => bucket,

@@ -45,7 +45,7 @@ pub use sh_turn::ShTurn;
 pub use source::Format;
 pub(crate) use spz::{COLOUR_SCALE as SPZ_COLOUR_SCALE, rotation_10 as spz_rotation};
 
-/// Function that reads the bytes of another file that the current one refers to.
+/// Function that reads the bytes of a file, given the name by which the current file refers to it.
 pub(crate) type Fetch<'a> = dyn Fn(&str) -> Result<Vec<u8>, NodeError> + 'a;
 
 /// Settings for all readers.
@@ -94,7 +94,7 @@ impl Reading<'_> {
         (all != Similarity::IDENTITY).then_some(all)
     }
 
-    /// Like [`world`](Self::world), as a transform of rows.
+    /// Like [`world`](Self::world), but returns a transform that applies to rows.
     fn turn(&self, file: &str, declared: Option<Up>, metres: bool, notes: &mut Notes) -> Option<Turn> {
         let Similarity { rotation, scale, offset } = self.world(file, declared, metres, notes)?;
         Some(Turn::new(rotation, scale, offset))

@@ -1,10 +1,12 @@
 //! INRIA PLY: one row per splat, before activation, in ASCII or binary.
 //!
 //! Fields (gaussian-splatting, `scene/gaussian_model.py`, `save_ply`): `x y z`, `f_dc_0..2`, `f_rest_*` channel by
-//! channel, `opacity` (logit), `scale_0..2` (log), `rot_0..3` (w x y z). 2DGS writes two scales: the third is 0. Some
-//! programs write `red`, `green`, `blue` for `f_dc_*` (nerfstudio's `ply_color_mode: rgb`). `filter_3D`, which Mip-Splatting and MILo
-//! add, is the standard deviation of a smoothing filter that the stored scales and opacities do not include yet.
-//! Other fields are ignored.
+//! channel, `opacity` (logit), `scale_0..2` (log), `rot_0..3` (w x y z). 2DGS writes only two scales; the third is
+//! then
+//! 0. Some programs write `red`, `green`, `blue` for `f_dc_*` (nerfstudio's `ply_color_mode: rgb`). `filter_3D`,
+//!    which
+//! Mip-Splatting and MILo add, is the standard deviation of a smoothing filter that the stored scales and opacities
+//! do not include yet. Other fields are ignored.
 
 use engine::{NodeError, Notes};
 
@@ -17,7 +19,7 @@ use crate::io::ply::{self, Scalar};
 
 /// The constant colour of a row.
 enum Colour {
-    /// Coefficients of the constant function.
+    /// Coefficients of the constant spherical harmonic.
     Coefficients([Field; 3]),
     /// Display colours, and the factor that maps white to 1.
     Display([Field; 3], f64),
@@ -40,7 +42,7 @@ struct Layout {
     colour: Colour,
     /// Fields of the coefficients of degree 1 and above, in the order of the file: channel by channel.
     rest: Vec<Field>,
-    /// Start of these fields in the row, if they are consecutive 32-bit floats.
+    /// Start of the fields `rest` in the row, if they are consecutive 32-bit floats.
     rest_run: Option<usize>,
     opacity: Field,
     /// Fields of the scales; only two in files of 2DGS, whose splats have no thickness.

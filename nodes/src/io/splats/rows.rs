@@ -75,8 +75,8 @@ impl Row {
     /// is `filter_3D` of Mip-Splatting (Yu et al. 2024, eq. 9; `get_scaling_with_3D_filter`): it widens every axis
     /// and reduces the opacity by the ratio of the volumes.
     ///
-    /// Infinities have the meaning of their limits: a logit of +inf is an opacity of 1, -inf of 0, and a log scale
-    /// of -inf a thickness of 0. A log scale of +inf is too large.
+    /// Infinite values are treated as limits: a logit of +inf gives an opacity of 1, a logit of -inf an opacity of
+    /// 0, and a log scale of -inf a thickness of 0. A log scale of +inf is an error ([`RowFault::TooLarge`]).
     pub fn activate(
         mean: [f64; 3],
         quat: [f64; 4],

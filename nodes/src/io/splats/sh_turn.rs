@@ -8,7 +8,7 @@ use glam::{DMat3, DVec3};
 
 use crate::math::num;
 
-/// Functions of the highest band, degree 4.
+/// Number of functions in the highest band, degree 4.
 const WIDEST: usize = 9;
 
 /// The matrices of bands 1 to 4.

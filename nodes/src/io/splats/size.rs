@@ -11,9 +11,9 @@ use super::spz;
 use crate::io::head::{elements_of, ply_header};
 use crate::io::ply;
 
-/// Estimates the sizes of the rows of a file and of its decompressed data, both in bytes. The number of splats is
-/// taken from the header if the format stores it there; otherwise it is estimated from the length of the file and
-/// the usual size of a splat in such files.
+/// Estimates two sizes in bytes: of the rows of a file, and of its decompressed data. The number of splats is taken
+/// from the header if the format stores it there. Otherwise it is estimated from the length of the file and the
+/// usual size of a splat in such files.
 pub(crate) fn of(file: &FileHead<'_>) -> (u64, u64) {
     let mut head = Vec::new();
     let read = file.open().map(|reader| reader.take(64).read_to_end(&mut head));

@@ -1,6 +1,6 @@
-//! SOG (PlayCanvas, splat-transform `write-sog.ts` and `read-sog-v1.ts`): `meta.json` and lossless WebP pictures,
-//! one pixel per splat, next to it or in one ZIP archive. Version 2 has codebooks, version 1 evenly spaced values
-//! between bounds; both are converted to tables of 256 entries.
+//! SOG (PlayCanvas, splat-transform `write-sog.ts` and `read-sog-v1.ts`): `meta.json` and lossless WebP pictures
+//! with one pixel per splat, in one folder or in one ZIP archive. Version 2 has codebooks, version 1 evenly spaced
+//! values between bounds; both are converted to tables of 256 entries.
 
 use std::path::{Component, Path};
 
@@ -293,7 +293,7 @@ pub(super) fn load_bundle(
     }
     if file.to_ascii_lowercase().ends_with(".usdz") {
         return Err(
-            Error::unsupported(file, "USDZ; unpack it, and save what is inside as text, `.usda`").into()
+            Error::unsupported(file, "USDZ; unpack it, and save its contents as text, `.usda`").into()
         );
     }
     let Some(name) = archive.find("meta.json") else {
@@ -351,7 +351,10 @@ pub(super) fn load(
                 degree.filter(|l| palette.degree.is_none_or(|reported| reported == *l)).ok_or_else(|| {
                     Error::format(
                         file,
-                        format!("the palette is {} pixels wide, which matches no degree", centroids.width),
+                        format!(
+                            "the palette is {} pixels wide, which matches no degree of the harmonics",
+                            centroids.width
+                        ),
                     )
                 })?;
             Some((palette, centroids, labels, degree))

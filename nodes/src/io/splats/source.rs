@@ -155,8 +155,8 @@ impl Expanded {
 
 /// Returns the files to which a parameter refers: the file itself, or the files in the folder. A folder with a
 /// `meta.json` is a SOG scene. A folder with a `lod-meta.json` is a streamed scene, whose files of one level are
-/// used. Any other folder contains such folders and bundles (`.sog`), which are joined in the order of their
-/// names.
+/// used. In any other folder, the SOG folders and bundles (`.sog`) that it contains are joined in the order of
+/// their names.
 pub fn expand(file: &InputFile, path: &Path, level: u32) -> Result<Expanded, NodeError> {
     if !path.is_dir() {
         let named = path.is_file() && file.0.to_ascii_lowercase().ends_with(".json");

@@ -1,5 +1,6 @@
-//! `.splat` (antimatter15/splat, `convert.py`): no header, 32 bytes per splat: centre and scales as floats, red,
-//! green, blue, opacity and the quaternion w, x, y, z as bytes. No spherical harmonics.
+//! `.splat` (antimatter15/splat, `convert.py`). There is no header. Each splat has 32 bytes: centre and scales as
+//! floats, then red, green, blue, opacity and the quaternion (w, x, y, z) as bytes. There are no spherical
+//! harmonics.
 
 use engine::{NodeError, Notes};
 
@@ -11,8 +12,8 @@ use crate::error::Error;
 /// Bytes per splat.
 const ROW: usize = 32;
 
-/// True if the bytes can be such a file, even a truncated one: there is at least one row, and at least half of the
-/// first rows have finite numbers and sizes that are not negative. A first coordinate below 1e-38 indicates the
+/// True if the bytes can be a `.splat` file, even a truncated one: there is at least one row, and at least half of
+/// the first rows have finite numbers and sizes that are not negative. A first coordinate below 1e-38 indicates the
 /// header of another format.
 pub(super) fn is_splat(bytes: &[u8]) -> bool {
     if f32_at(bytes, 0).is_subnormal() {

@@ -1,10 +1,10 @@
-//! SPZ (nianticlabs/spz, README and `load-spz.cc`), versions 1 to 4: 1 to 3 are one gzip stream, 4 has an
-//! uncompressed header and a Zstandard stream per attribute. An uncompressed stream is also read.
+//! SPZ (nianticlabs/spz, README and `load-spz.cc`), versions 1 to 4. Versions 1 to 3 are one gzip stream. Version 4
+//! has an uncompressed header and a Zstandard stream per attribute. An uncompressed stream is also read.
 //!
-//! Attributes are stored one after the other: centres (24-bit fixed point, halves in version 1), opacities,
-//! colours, log scales, rotations (three bytes up to version 2, from version 3 on the three smaller components in
-//! 10 bits each), harmonics. Axes are right, up, back unless the extension `SPZ_ADOBE_coordinate_system` names
-//! others.
+//! Attributes are stored one after the other: centres (24-bit fixed point; 16-bit floats in version 1), opacities,
+//! colours, log scales, rotations, harmonics. Rotations have three bytes up to version 2; from version 3 on, they
+//! are the three smaller components in 10 bits each. Axes are right, up, back unless the extension
+//! `SPZ_ADOBE_coordinate_system` names others.
 
 use engine::{NodeError, Notes, Up};
 use glam::{DMat3, DVec3};
@@ -33,7 +33,8 @@ const EXTENSIONS: usize = 1 << 20;
 /// same limit. In captures, the number is at most 3.
 const ZSTD_RATIO: f64 = 1024.0;
 
-/// Factor from a coefficient of the constant colour to its stored value, where the largest byte is 1.
+/// Factor by which the coefficients of the constant colour are multiplied before 0.5 is added and they are stored.
+/// A stored byte of 255 stands for 1.
 pub(crate) const COLOUR_SCALE: f64 = 0.15;
 /// Type of the extension that defines the axes.
 const COORDINATE_SYSTEM: u32 = 0xadbe_0003;
@@ -221,8 +222,8 @@ fn rotation_8(bytes: [u8; 3]) -> [f64; 4] {
     largest_left_out(0, bytes.map(|b| f64::from(b) / 127.5 - 1.0))
 }
 
-/// Loads a file. `local` is given for SPZ data within glTF: the transform of its node, if it has one. This replaces
-/// the transform that follows from the axes of the file.
+/// Loads a file. `local` is `Some` for SPZ data within glTF. It contains the transform of the node, if any, which
+/// replaces the transform that follows from the axes of the file.
 pub(super) fn load(
     file: &str,
     bytes: &[u8],

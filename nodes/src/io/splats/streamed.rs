@@ -1,6 +1,6 @@
 //! Streamed SOG (PlayCanvas, splat-transform `write-lod.ts`): `lod-meta.json` with a tree of regions. Each region
-//! has several levels of detail, the finest of which is 0. A level of a region is a list of ranges of rows in SOG
-//! files. One level is read.
+//! has several levels of detail; level 0 is the finest. A level of a region is a list of ranges of rows in SOG
+//! files. Only one level is read.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Component, Path};
@@ -13,7 +13,7 @@ use crate::io::foreign::json_text;
 /// Name of the file that describes a streamed scene.
 pub(super) const NAME: &str = "lod-meta.json";
 
-/// Ranges of rows, ascending, not overlapping: start and end.
+/// Ranges of rows, each as (start, end), ascending and without overlap.
 pub(crate) type Ranges = Vec<(usize, usize)>;
 
 #[derive(Deserialize)]

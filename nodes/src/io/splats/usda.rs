@@ -205,7 +205,7 @@ fn fields(scan: &mut Scan<'_>) -> Result<Vec<Field>, Error> {
                 return Err(scan.bad("a prim has no body"));
             }
             if open.len() >= DEEPEST {
-                return Err(scan.bad("prims are nested too deep"));
+                return Err(scan.bad("prims are nested too deeply"));
             }
             open.push(Prim { kind: kind.to_owned(), abstract_class: word == "class", ..Prim::default() });
             continue;

@@ -63,7 +63,8 @@ impl<'a> Archive<'a> {
         Ok(Self { file, bytes, entries })
     }
 
-    /// The full name of the only entry whose file name is `name`, in any folder.
+    /// The full name of the only entry whose file name is `name`, in any folder; `None` if there is no such entry,
+    /// or several.
     pub fn find(&self, name: &str) -> Option<&str> {
         let mut found = self.entries.iter().filter(|entry| entry.name.rsplit('/').next() == Some(name));
         let first = found.next()?;

@@ -18,7 +18,7 @@ pub fn ciede2000_map(a: &Plane, b: &Plane, cx: &Context) -> Result<Vec<f64>, Nod
     Ok(rows.concat())
 }
 
-/// CIELAB of an sRGB-encoded colour. Matrix and white are rounded as in scikit-image, with which papers compute
+/// CIELAB of an sRGB-encoded colour. Matrix and white are rounded as in scikit-image, which papers use to compute
 /// their values.
 fn lab(srgb: [f64; 3]) -> [f64; 3] {
     const XYZ: [[f64; 3]; 3] =
@@ -32,7 +32,7 @@ fn lab(srgb: [f64; 3]) -> [f64; 3] {
     [116.0 * f[1] - 16.0, 500.0 * (f[0] - f[1]), 200.0 * (f[1] - f[2])]
 }
 
-/// The difference of two colours in CIELAB; the numbers are those of the paper's equations.
+/// The difference of two colours in CIELAB. Numbers in the comments are the numbers of equations in the paper.
 fn difference(one: [f64; 3], two: [f64; 3]) -> f64 {
     let pow7 = |x: f64| {
         let x2 = x * x;

@@ -51,8 +51,8 @@ pub struct Exposures {
 }
 
 impl Exposures {
-    /// The exposures of the paper: from the one that tone-maps the brightest pixel of the reference to 0.85, to the
-    /// one that does so for the median, a stop apart. `None` if the reference or its median is black.
+    /// The exposures of the paper, about one stop apart. The first tone-maps the brightest pixel of the reference
+    /// to 0.85, the last tone-maps the median pixel to 0.85. `None` if the reference or its median is black.
     pub fn of(reference: &Plane) -> Option<Self> {
         let pixels = reference.samples.chunks_exact(reference.channels);
         let mut luminance: Vec<f64> = pixels.map(|p| dot(XYZ[1], [p[0], p[1], p[2]])).collect();
@@ -168,8 +168,8 @@ fn hyab(a: [f64; 3], b: [f64; 3]) -> f64 {
     if distance > 0.0 { num::pow(distance, 0.7) } else { 0.0 }
 }
 
-/// Maps colour distances to 0..1: the lower 40 % of the distances to 0..0.95, and the rest to 0.95..1 (equation
-/// 12).
+/// Maps colour distances to 0..1: the lower 40 % of the range of distances to 0..0.95, and the rest to 0.95..1
+/// (equation 12).
 fn redistribute(distance: f64) -> f64 {
     const SHARE: f64 = 0.95;
     // The distance from green to blue is the largest one.
@@ -261,13 +261,14 @@ fn separable(
 
 /// The filters for a number of pixels per degree, as one-dimensional factors.
 struct Kernels {
-    /// Contrast sensitivity of lightness, red-green and blue-yellow: weighted Gaussians.
+    /// Filters for the contrast sensitivity to lightness, red-green and blue-yellow. Each is a sum of Gaussians,
+    /// given as weights and kernels.
     sensitivity: [Vec<(f64, Vec<f64>)>; 3],
-    /// First derivative of a Gaussian: each half sums to 1.
+    /// First derivative of a Gaussian, scaled so that the weights on each side of the centre sum to 1 or -1.
     edge: Vec<f64>,
-    /// Second derivative of the Gaussian: the positive and the negative part each sum to 1.
+    /// Second derivative of the Gaussian, scaled so that the positive weights sum to 1 and the negative ones to -1.
     point: Vec<f64>,
-    /// The Gaussian, for the perpendicular direction.
+    /// The Gaussian itself, applied perpendicular to the direction of the derivative.
     across: Vec<f64>,
 }
 

@@ -13,7 +13,7 @@ pub struct Conv {
     pub weight: Vec<f32>,
     /// Biases, one per output channel; empty without a bias.
     pub bias: Vec<f32>,
-    /// Step between outputs, along both axes.
+    /// Number of input pixels between adjacent outputs, along both axes.
     pub stride: usize,
     /// Rows and columns of zeros on each side.
     pub padding: usize,
@@ -26,8 +26,8 @@ impl Conv {
         (size + 2 * self.padding).checked_sub(kernel).map_or(0, |room| room / self.stride + 1)
     }
 
-    /// Applies the convolution. Every output is the bias plus products, added one after the other by input channel,
-    /// row and column of the kernel.
+    /// Applies the convolution. Every output is the bias plus a sum of products, which are added in the order of
+    /// input channel, kernel row and kernel column.
     pub fn apply(&self, input: &Tensor, cx: &Context) -> Result<Tensor, NodeError> {
         let [outputs, inputs, rows, columns] = self.shape;
         let (height, width) = (self.output_size(input.height, rows), self.output_size(input.width, columns));

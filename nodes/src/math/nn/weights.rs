@@ -42,7 +42,8 @@ impl<'a> Weights<'a> {
         Ok((view.shape().to_vec(), values))
     }
 
-    /// A convolution: `name.weight` with four axes and `inputs` channels, if given, and `name.bias` if it exists.
+    /// Reads a convolution from the tensors `name.weight` and, if it exists, `name.bias`. The weights must have
+    /// four axes and, if `inputs` is given, this number of input channels.
     pub fn conv(
         &self,
         name: &str,

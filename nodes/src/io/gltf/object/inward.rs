@@ -6,9 +6,10 @@ use glam::DVec3;
 
 use crate::types::{Material, Primitive};
 
-/// Maximum length of the sum of the area vectors of a part, relative to its area, for it to count as closed.
+/// A part counts as closed if the length of the sum of its area vectors is less than this fraction of its area.
 const CLOSED: f64 = 1e-3;
-/// Maximum length of the sum of the area vectors of an open part, relative to its area, for the part to be reported.
+/// An open part is reported only if the length of the sum of its area vectors is less than this fraction of its
+/// area.
 const OPEN: f64 = 0.5;
 /// A part looks inwards if the mean cosine between its face normals and the directions from its middle, weighted by
 /// area and distance, is below this. Turned inside out, a sphere has -1, a cube -0.8, and a long box -0.5.
@@ -23,7 +24,8 @@ struct Part {
     middle: DVec3,
     /// Sum of the area vectors.
     vector: DVec3,
-    /// Sum over triangles of area times the height of the triangle's plane over the middle of the part.
+    /// Sum over triangles of area times the signed distance of the triangle's plane from the middle of the part,
+    /// positive if the triangle faces away from the middle.
     height: f64,
     /// Sum over triangles of area times distance from the middle of the part.
     distance: f64,
@@ -166,15 +168,15 @@ pub(super) fn turn(
     let closed = turned.iter().filter(|turned| **turned).count();
     if open > 0 {
         let text = format!(
-            "the faces of {open} open parts look inwards: they are black from outside, since their material is single-sided; \
-             reverse them in the program that made them, or make the material double-sided"
+            "faces of open parts look inwards (parts: {open}): they are black from outside, since their material is \
+             single-sided; reverse them in the program that made them, or make the material double-sided"
         );
         notes.warning("faces-inwards", text);
     }
     if closed == 0 {
         return Ok(());
     }
-    let text = format!("the faces of {closed} closed parts looked inwards and were turned outwards");
+    let text = format!("faces of closed parts looked inwards and were turned outwards (parts: {closed})");
     notes.decision("faces-turned", text);
     for (primitive, &start) in primitives.iter_mut().zip(&starts) {
         let mut facing = vec![0.0_f64; primitive.positions.len()];

@@ -88,7 +88,7 @@ impl<'a> Materials<'a> {
         let lamps = lamps.filter(|node| node["extensions"].get("KHR_lights_punctual").is_some()).count();
         if lamps > 0 {
             let text = format!(
-                "KHR_lights_punctual is left out ({lamps} of them): {}",
+                "KHR_lights_punctual is left out (lights: {lamps}): {}",
                 effect("KHR_lights_punctual")
             );
             notes.degraded("lights-ignored", text);
@@ -216,7 +216,7 @@ impl<'a> Materials<'a> {
         Ok(DiffuseTransmission { strength: self.map(e, "diffuseTransmission", 0.0)?, colour })
     }
 
-    /// Reads `nameFactor`, from 0 to 1, and `nameTexture`.
+    /// Reads the fields `{name}Factor`, clamped to 0..1, and `{name}Texture`.
     fn map(&mut self, e: &Value, name: &str, default: f64) -> Result<Map, Error> {
         let factor = self.factor(&e[format!("{name}Factor").as_str()], default, 0.0, 1.0);
         Ok(Map { factor, texture: self.texture(&e[format!("{name}Texture").as_str()])? })

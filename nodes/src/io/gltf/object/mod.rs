@@ -20,8 +20,8 @@ use crate::io::import::{self, Foreign};
 use crate::io::png::Raster;
 use crate::types::{Object, Texture};
 
-/// The file and all files that it refers to. Its format is detected by content. Errors in a GLB are reported only
-/// when the node runs, since all of its bytes are available then.
+/// The file and all files that it refers to. The format of the file is detected by content. Errors in a GLB are
+/// reported only when the node runs, since all of its bytes are available then.
 pub(crate) fn sources(path: &InputFile, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
     let file = root.file(path);
     let mut sources = vec![file.clone()];
@@ -70,7 +70,7 @@ pub(crate) fn object(
         Vec::new()
     };
     let narrowed = textures.iter().filter(|(_, narrowed)| *narrowed).count() as u64;
-    notes.count("textures-narrowed", narrowed, "textures of 16 bits were rounded to 8");
+    notes.count("textures-narrowed", narrowed, "16-bit textures were rounded to 8 bits per channel");
     cx.progress(0.5);
     let mut primitives = Geometry::new(name, &file, &buffers).scene(scene, &mut materials, cx, notes)?;
     if want == Want::Everything {

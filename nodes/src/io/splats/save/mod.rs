@@ -19,8 +19,8 @@ use crate::types::{SplatEncoding, Splats};
 pub enum SaveFormat {
     /// INRIA PLY: 32-bit floats, as stored by the optimiser (logarithms and logits).
     Ply,
-    /// SPZ: quantised, about a tenth of the size of PLY. Version 3, which every reader supports; version 4 for
-    /// harmonics of degree 4, which earlier versions do not support.
+    /// SPZ: quantised, about a tenth of the size of PLY. Version 3, which every reader supports, or version 4 if
+    /// the harmonics have degree 4.
     Spz,
     /// SPZ, always version 4.
     Spz4,

@@ -11,7 +11,7 @@ use crate::types::Splats;
 
 /// Lower limit of logarithms and logits. Smaller ones activate to 0 in f32, and PLY has no infinity.
 const LOWEST: f64 = -110.0;
-/// Logit that activates to 1 in f32.
+/// Upper limit of logits, which activates to 1 in f32.
 const HIGHEST: f64 = 30.0;
 
 /// The bytes of a file.

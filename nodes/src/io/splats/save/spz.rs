@@ -1,6 +1,6 @@
-//! SPZ (nianticlabs/spz): version 3, one gzip stream, which every reader of the format supports, or version 4 with
-//! one Zstandard stream per attribute, which can be decompressed in parallel and is the only version with harmonics
-//! of degree 4. Harmonics are stored with 8 bits; the reference rounds them to 5 and 4 bits.
+//! SPZ (nianticlabs/spz). Version 3 is one gzip stream, and every reader of the format supports it. Version 4 has
+//! one Zstandard stream per attribute. It can be decompressed in parallel, and is the only version with harmonics
+//! of degree 4. Harmonics are stored with 8 bits; the reference implementation rounds them to 5 and 4 bits.
 
 use std::io::Write;
 
@@ -15,8 +15,8 @@ use crate::types::Splats;
 /// Number of fraction bits, if the size of the scene permits: a step is 1/65536 of a unit. The reference always
 /// writes 12.
 const FRACTION_BITS: u32 = 16;
-/// Number of fraction bits for a scene of small splats. The shortest axis that the format can store, e^-10, is then
-/// 24 steps.
+/// Maximum number of fraction bits, for a scene of small splats. The shortest axis that the format can store,
+/// e^-10, is then 24 steps.
 const MOST_FRACTION_BITS: u32 = 19;
 /// Largest signed 24-bit integer.
 const LARGEST: f64 = 8_388_607.0;
@@ -33,7 +33,7 @@ struct Cut {
 }
 
 impl Cut {
-    /// Rounds to a byte. Numbers more than a step outside its range are counted.
+    /// Rounds to a byte. Numbers that are more than a step outside the range of a byte are counted.
     fn byte(&mut self, value: f64) -> u8 {
         let rounded = (value + 0.5).floor();
         let within = rounded.clamp(0.0, 255.0);
@@ -250,8 +250,8 @@ pub(super) fn rotation(quat: [f32; 4]) -> u32 {
         .map_or(0, |(_, word)| word)
 }
 
-/// Encodes a rotation with one component omitted: the index of that component in the order x, y, z, w, then sign
-/// and 9 bits of each of the others.
+/// Encodes a rotation with one component omitted: the index of that component in the order x, y, z, w, then the
+/// sign and 9 bits of magnitude of each other component.
 fn leaving_out(out: usize, parts: [f32; 4]) -> u32 {
     let others = (0..4).filter(|i| *i != out).map(|i| parts[i]);
     others.fold(out as u32, |word, part| {

@@ -25,7 +25,7 @@ pub struct Geometry<'a> {
     name: &'a str,
     file: &'a File,
     buffers: &'a [Vec<u8>],
-    /// Transform from the frame of each node to that of the file, for every node of every scene.
+    /// Transform from the frame of each node to the frame of the file, for the nodes of all scenes.
     world: Vec<Option<DMat4>>,
     tally: Tally,
 }
@@ -100,7 +100,7 @@ impl<'a> Geometry<'a> {
             let t = &self.tally;
             let why = match (t.without_area, t.points_and_lines) {
                 (0, 0) => String::new(),
-                (0, n) => format!(", but points or lines in {n} primitives"),
+                (0, n) => format!(", only points or lines (primitives: {n})"),
                 (n, _) => format!(
                     " with an area: {n} triangles are too small for the precision of the coordinates, or are not finite"
                 ),
@@ -110,7 +110,7 @@ impl<'a> Geometry<'a> {
         Ok(primitives)
     }
 
-    /// Visits nodes below `starts`, parents first and children in order, and fills `world`.
+    /// Visits `starts` and all nodes below them, parents first and children in order, and fills `world`.
     fn walk(&mut self, starts: Vec<Node<'a>>, mut visit: impl FnMut(Node<'a>)) -> Result<(), Error> {
         let mut seen = vec![false; self.world.len()];
         let mut stack: Vec<(Node<'a>, DMat4)> =
@@ -147,7 +147,10 @@ impl<'a> Geometry<'a> {
         let numbers = self.numbers(&accessor)?;
         match numbers.arrays::<N>() {
             Some(values) if values.len() == vertices => Ok(Some(values.to_vec())),
-            _ => Err(self.bad(format!("the attribute {} does not fit its primitive", semantic.to_string()))),
+            _ => Err(self.bad(format!(
+                "the attribute {} of a primitive has the wrong type or number of elements",
+                semantic.to_string()
+            ))),
         }
     }
 
@@ -247,7 +250,9 @@ impl<'a> Geometry<'a> {
         let Some(accessor) = primitive.get(&Semantic::Colors(0)) else { return Ok(()) };
         let numbers = self.numbers(&accessor)?;
         if !matches!(numbers.width, 3 | 4) || accessor.count() != n {
-            return Err(self.bad("vertex colours do not fit their primitive"));
+            return Err(
+                self.bad("the vertex colours of a primitive have the wrong type or number of elements")
+            );
         }
         for colour in numbers.values.chunks_exact(numbers.width) {
             let legal = colour.iter().all(|c| (0.0..=1.0).contains(c));

@@ -33,8 +33,8 @@ impl Geometry<'_> {
     }
 }
 
-/// The normalised sum of the normals of the faces of each vertex, weighted by area; the up direction if the sum is
-/// 0.
+/// For each vertex, the normalised sum of the normals of the adjacent faces, weighted by area; the up direction if
+/// this sum is 0.
 fn summed_face_normals(p: &Primitive) -> Vec<[f32; 3]> {
     let mut sums = vec![DVec3::ZERO; p.positions.len()];
     for t in &p.triangles {

@@ -54,7 +54,7 @@ impl Tally {
             (
                 "normals-repaired",
                 self.normals,
-                "normals of length 0 were replaced by ones computed from the adjacent faces",
+                "normals of length 0 were replaced with normals computed from the adjacent faces",
             ),
             ("colours-clamped", self.colours, "vertex colours outside 0 to 1 were clamped"),
             (
