@@ -49,8 +49,9 @@ engine::params! {
     pub struct PathTrace {
         /// Number of paths per pixel. With `max_error` it is the maximum number, and at least 4 paths are traced.
         samples: u32 = 256, range(1, 1_048_576), other("3"), knob(Samples, "4", "16", "64", "1024");
-        /// Target standard error of each tile of 8 by 8 pixels, as a root mean square over the pixels that have an
-        /// error. It applies to `object`, relative to the mean of `object`, and to the ratio `with / without` where
+        /// Target standard error of each tile of 8 by 8 pixels, as a root mean square over the pixels whose error
+        /// is not 0. It applies to `object`, relative to the mean of `object`, and to the ratio `with / without`
+        /// where
         /// the receiver is visible. Where the ratio is certainly above 1, its error is relative to the ratio.
         /// Pixels where `without` is below a thousandth of its median are ignored. After the first 4 samples,
         /// blocks of 32 by 32 pixels take more chunks of samples until they reach the target or the maximum
@@ -75,8 +76,8 @@ engine::params! {
         /// Traces only the change of the receiver, for graphs that need only the shadow. `object` is empty; depth
         /// and normals are those of the receiver.
         shadow_only: bool = false, other("true");
-        /// Side of the pixel blocks of which only one pixel is traced. Its value fills the whole block, as in the
-        /// first preview of `watch`. 1 traces every pixel.
+        /// Side, in pixels, of the blocks of which only one pixel is traced. The value of this pixel fills the
+        /// whole block, as in the first preview of `watch`. 1 traces every pixel.
         coarse_px: u32 = 1, range(1, 64), unit("px"), other("2");
         /// Maximum relative change of light at which a tile of 8 by 8 pixels is cropped. In a cropped tile no ray
         /// is traced for the change due to the objects, and `with` equals `without`. The change is an upper bound,
@@ -133,7 +134,7 @@ struct Decided {
     name: String,
     rules: Rules,
     probe: Option<Probe>,
-    /// Share of light that reflection by the mesh counts twice, or would count twice if it were enabled.
+    /// Share of light that reflection by the mesh counts twice, or would count twice if reflection were enabled.
     /// `None` for a solid mesh.
     twice: Option<f64>,
 }

@@ -63,7 +63,7 @@ fn place(cosine: f32) -> f32 {
     cosine.max(0.0).sqrt()
 }
 
-/// Viewer direction of a table coordinate.
+/// Viewer direction that corresponds to a table coordinate.
 fn viewer(place: f32) -> Vec3 {
     let z = (place * place).max(1e-4);
     Vec3::new((1.0 - z * z).max(0.0).sqrt(), 0.0, z)
@@ -80,7 +80,7 @@ pub struct Facets {
     dielectric: f32,
     /// Share transmitted by a dielectric interface.
     pub passed: f32,
-    /// Mean of `all` over the hemisphere, for light that hits a second facet.
+    /// Mean of `all` over all viewer directions. Used for light that hits a second facet.
     mean: f32,
     /// Mean of [`dielectric::rise`] over the hemisphere.
     rise: f32,
@@ -117,13 +117,15 @@ impl Facets {
         Self { all: all.clamp(1e-3, 1.0), metal, dielectric, passed, mean, rise }
     }
 
-    /// Albedo of a metal with reflectance `f0` at normal incidence: for single scattering only, and in total.
+    /// Albedo of a metal with reflectance `f0` at normal incidence. The first value counts only single scattering,
+    /// the second also multiple scattering.
     pub fn metal(&self, f0: f32) -> [f32; 2] {
         let once = f0 * (self.all - self.metal) + self.metal;
         [once, once * self.gain(f0 + (1.0 - f0) / 21.0)]
     }
 
-    /// Albedo of a dielectric with reflectance `f0` at normal incidence: for single scattering only, and in total.
+    /// Albedo of a dielectric with reflectance `f0` at normal incidence. The first value counts only single
+    /// scattering, the second also multiple scattering.
     pub fn dielectric(&self, f0: f32) -> [f32; 2] {
         let once = f0 * (self.all - self.dielectric) + self.dielectric;
         [once, (once * self.gain(f0 + (1.0 - f0) * self.rise)).min(1.0)]

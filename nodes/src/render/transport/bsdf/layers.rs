@@ -282,8 +282,8 @@ mod tests {
     use super::*;
     use crate::geometry::sampling::{Points, unit};
 
-    /// Evaluating and choosing among absent layers changes no bit of values, densities or sampled directions. This
-    /// test fails if an absent coat has a share of 1e-3.
+    /// Values, densities and sampled directions are the same, bit for bit, whether or not absent layers are
+    /// evaluated. This test fails if an absent coat has a share of 1e-3.
     #[test]
     fn layers_of_no_strength_change_no_bit_where_they_are_evaluated() {
         let upright = Frame::around(Vec3::Z);

@@ -23,7 +23,7 @@ pub(crate) struct Standing {
     pub(crate) ground: Vec<Option<Level>>,
     /// Levels of the surfaces that the flat sides of each object rest on.
     pub(crate) sides: Vec<Vec<Level>>,
-    /// True for each object that stands on another one.
+    /// True for each object that stands on another object.
     pub(crate) carried: Vec<bool>,
     /// Height of each object above its base, in world units.
     pub(crate) tall: Vec<f64>,
@@ -73,7 +73,7 @@ pub(crate) fn find_ground(
     Standing { ground: measured, sides, carried, tall, unsupported, embedded }
 }
 
-/// True for each object that stands on another object with part of its foot, to within the error of a mesh.
+/// True for each object of which at least part of the foot stands on another object, to within the error of a mesh.
 fn carried(
     objects: &Objects,
     placed: &[impl AsRef<Placed>],

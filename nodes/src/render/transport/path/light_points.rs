@@ -24,7 +24,8 @@ use crate::render::transport::sky::environment::EnvironmentLight;
 const POINTS: usize = 1024;
 /// Number of lights in a block. Each choice weighs the lights of one block, and every block covers all directions.
 const BLOCK: usize = 32;
-/// One light in this many has a uniform direction, since surfaces that are dark but near contribute too.
+/// One light out of this number has a uniformly distributed direction, since surfaces that are dark but near
+/// contribute too.
 const SPREAD: u32 = 4;
 
 /// A virtual light.
@@ -84,8 +85,8 @@ impl LightPoints {
 
     /// Chooses a light for each channel from one block of lights, in proportion to its contribution to a point. For
     /// a piece of the sky, the direction is random within the piece. One random number serves all channels, so that
-    /// they usually choose the same light. Occlusion by the receiver is ignored. `None` if no light of a channel
-    /// comes from the side of the normal.
+    /// they usually choose the same light. Occlusion by the receiver is ignored. An entry is `None` if the block
+    /// has no light of this channel on the side of the normal.
     pub fn choose(
         &self,
         place: Vec3,

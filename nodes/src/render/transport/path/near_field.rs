@@ -100,16 +100,16 @@ impl<'a> NearFieldLight<'a> {
         Ray { t_max: distance * (1.0 - SAME), ..ray }
     }
 
-    /// True if the receiver does not block a ray that ends just before its light.
+    /// True if the receiver does not block the ray. The ray must end just before the light at `place`.
     pub fn reaches(&self, ray: Ray, place: Option<&EmissivePoint>) -> bool {
         let own = place.map(|p| p.triangle);
         !self.receiver.bvh.any(ray, |hit| Some(hit.triangle) != own)
     }
 
-    /// Light along a ray that hits the receiver at `hit`, or misses it, and the density of [`sample`](Self::sample)
-    /// for the origin of the ray. `None` if the hit is not visible from the point of capture. `glossy_pdf` is the
-    /// density of the ray if a glossy lobe scattered it, otherwise 0; see [`EnvironmentLight::seen`]. Traces one
-    /// ray.
+    /// Light along a ray that hits the receiver at `hit`, or misses the receiver if `hit` is `None`. The density of
+    /// the result is that with which [`sample`](Self::sample) chooses this light for the origin of the ray. `None`
+    /// if the hit is not visible from the point of capture. `glossy_pdf` is the density of the ray if a glossy lobe
+    /// scattered it, otherwise 0; see [`EnvironmentLight::seen`]. Traces one ray.
     pub fn eval(
         &self,
         ray: Ray,

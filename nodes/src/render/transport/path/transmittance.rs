@@ -25,7 +25,7 @@ impl Integrator<'_> {
         self.scene.objects.clear && lobe == Lobe::Diffuse
     }
 
-    /// Nearest object along a ray of a lobe.
+    /// Nearest hit on an object along a ray that was scattered by `lobe`.
     pub(crate) fn object(&mut self, ray: Ray, key: u32, lobe: Lobe) -> Option<Vertex> {
         if !self.pass.objects {
             return None;
@@ -38,7 +38,8 @@ impl Integrator<'_> {
         objects.bvh.closest(ray, |hit| objects.accepts(hit, key, false)).map(Vertex::Object)
     }
 
-    /// Transmittance of a ray of a lobe up to its end, which is a vertex or at infinity, and the media at the end.
+    /// Transmittance of objects and media along a ray that was scattered by `lobe`, and the media at the end of the
+    /// ray. The end is the vertex `end`, or the maximum distance of the ray if `end` is `None`.
     pub(crate) fn along(
         &mut self,
         mut ray: Ray,

@@ -31,9 +31,9 @@ use crate::render::transport::sky::cone::Cone;
 /// Cropping rule of a scene.
 #[derive(Debug)]
 pub struct Crop {
-    /// Largest relative change of light that is cropped.
+    /// Maximum relative change of light at which a tile is cropped.
     limit: f64,
-    /// Maximum radiance of any surface.
+    /// Maximum radiance of any surface, per channel.
     surfaces: [f64; 3],
     /// True if scattered rays hit the receiver.
     lands: bool,

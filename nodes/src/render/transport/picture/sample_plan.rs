@@ -49,10 +49,10 @@ impl ErrorGoal {
         }
     }
 
-    /// Standard error of the worst tile of an area after a number of chunks. The error of a tile is a root mean
-    /// square over its pixels with error. It is the larger of two errors: the error of the ratio S = R1 / R0,
-    /// weighted by the share of the pixel that objects do not cover, and the error of the objects relative to their
-    /// mean light.
+    /// Standard error of the worst tile of an area after a number of chunks. The error of a tile is the larger of
+    /// two errors: the error of the ratio S = R1 / R0, weighted by the share of the pixel that objects do not
+    /// cover, and the error of the objects relative to their mean light. Each of the two is the root mean square
+    /// over the pixels of the tile whose error is not 0.
     ///
     /// S can be very large where objects light dark ground. If it exceeds 1, its error is divided by a lower
     /// confidence bound of S in the pixel or its tile, so that the error of a highlight is relative to the

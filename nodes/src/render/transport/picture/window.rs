@@ -8,8 +8,9 @@ use glam::{DVec3, Vec3};
 use super::tile_bounds::TileBounds;
 use crate::render::transport::sky::cone::Cone;
 
-/// Part of the sphere that contains the directions from the points of a tile to a box: a cone around the
-/// direction to the centre of the box and, if the box is to one side, a [`Wedge`].
+/// Part of the sphere that contains the directions from the points of a tile to a box. It is a cone around the
+/// direction to the centre of the box. If the box is to one side, it is the intersection of this cone and a
+/// [`Wedge`].
 pub(crate) struct Window {
     /// Axis of the normals.
     up: DVec3,
@@ -33,7 +34,7 @@ struct Wedge {
 }
 
 impl Window {
-    /// Window of a box or a triangle, given by its corners. `None` if it may surround the points.
+    /// Window of a box or a triangle, given by its corners. `None` if the box or triangle may surround the points.
     pub(crate) fn of(tile: &TileBounds, corners: &[Vec3]) -> Option<Self> {
         let up = tile.normals.axis.as_dvec3();
         let heights = corners.iter().map(|corner| corner.as_dvec3().dot(up));

@@ -28,7 +28,7 @@ const MOST: usize = 1 << 17;
 /// Position of a corner relative to the origin, and its colour.
 pub type Corner = (DVec3, Vec3);
 
-/// Distances of the triangles of a mesh from the origin.
+/// Distances of the nearest and farthest points of a mesh from the origin, and the number of its triangles.
 #[derive(Debug, Clone, Copy)]
 pub struct Extent {
     near: f64,
@@ -71,7 +71,7 @@ fn is_real([a, b, c]: [DVec3; 3]) -> bool {
 }
 
 impl Extent {
-    /// Distances of some triangles, relative to the origin. Triangles without an area do not count.
+    /// Extent of the given triangles. Triangles without an area do not count.
     pub fn of(triangles: impl Iterator<Item = [DVec3; 3]>) -> Self {
         let (mut near, mut far, mut count) = (f64::INFINITY, 0.0_f64, 0_usize);
         for triangle in triangles.filter(|t| is_real(*t)) {
@@ -82,7 +82,7 @@ impl Extent {
         Self { near, far, count }
     }
 
-    /// Distances of these triangles and others.
+    /// Extent of the triangles of both `self` and `other`.
     pub fn with(self, other: Self) -> Self {
         let (near, far) = (self.near.min(other.near), self.far.max(other.far));
         Self { near, far, count: self.count + other.count }

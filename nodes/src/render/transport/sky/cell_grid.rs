@@ -155,7 +155,7 @@ mod tests {
         cell.power * f64::from(share)
     }
 
-    /// Rows give the same bits as single cells.
+    /// Weights computed for a whole row equal, bit for bit, the weights computed for its single cells.
     #[test]
     fn rows_are_weighed_as_their_cells_are() {
         for columns in [1, 5, 16, 70] {

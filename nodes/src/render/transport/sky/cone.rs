@@ -5,8 +5,8 @@ use glam::Vec3;
 use crate::geometry::sampling::{Points, circle, unit};
 use crate::render::transport::bsdf::Frame;
 
-/// First of three dimension pairs for rays towards objects. They decide the direction, whether a ray is sent, and
-/// whether the sample estimates a change at all.
+/// Index of the first of three pairs of sample dimensions for rays towards objects. In this order, the pairs decide
+/// the direction, whether a ray is sent, and whether the sample estimates a change at all.
 pub(crate) const TOWARDS: u32 = 1 << 17;
 /// A cone of directions around a unit axis.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,6 +1,7 @@
 //! Upper bound of the irradiance of any surface under given light.
 //!
-//! The irradiance is half of the light from both sides of a plane plus half of their difference:
+//! The irradiance on one side of a plane is half of the sum of the light on both sides, plus half of the difference
+//! between the two:
 //!
 //! `E(n) = 1/2 (int |n.w| L + n. int w L) <= 1/2 (sqrt(int L . int (n.w)^2 L) + |int w L|)`.
 

@@ -25,7 +25,8 @@ const LANES: usize = 8;
 /// Number of entries that are scanned. Longer lines are bisected down to this number first.
 const SCANNED: usize = 32;
 
-/// Pads a line of cumulative probabilities for [`invert`], which may read a whole vector from any entry.
+/// Pads a line of cumulative probabilities for [`invert`], which may read a whole SIMD vector that starts at any
+/// entry.
 pub fn pad(cumulative: &mut Vec<f32>) {
     cumulative.extend([f32::INFINITY; LANES]);
 }
@@ -151,7 +152,8 @@ impl LightDistribution {
         distribution
     }
 
-    /// Chooses the row and column of a cell, and returns the position of the point within the choice.
+    /// Chooses the row and column of a cell by two random numbers. Also returns the relative positions of the
+    /// numbers within the intervals of the row and of the column, which can serve as new random numbers.
     #[inline(always)]
     pub fn choose<S: Simd>(&self, simd: S, point: [f64; 2]) -> (usize, usize, [f64; 2]) {
         let (row, v) = invert(simd, &self.cumulative, self.rows, point[0]);

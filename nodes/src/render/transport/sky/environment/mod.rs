@@ -258,7 +258,7 @@ impl EnvironmentLight {
         })
     }
 
-    /// Same as [`sample_one`](Self::sample_one), except that a quarter of the samples ignores the normal (defensive
+    /// Same as [`sample_one`](Self::sample_one), except that a quarter of the samples ignore the normal (defensive
     /// sampling). Used for light whose direction differs slightly from its direction in the panorama.
     pub fn sample_defensive(&self, normal: Option<Vec3>, [a, b]: [u32; 2]) -> Option<LightSample> {
         const QUARTER: u32 = 1 << 30;
