@@ -54,8 +54,8 @@ engine::params! {
         /// where
         /// the receiver is visible. Where the ratio is certainly above 1, its error is relative to the ratio.
         /// Pixels where `without` is below a thousandth of its median are ignored. After the first 4 samples,
-        /// blocks of 32 by 32 pixels take more chunks of samples until they reach the target or the maximum
-        /// `samples`, which is reported. `None` takes `samples` everywhere.
+        /// blocks of 32 by 32 pixels take more chunks of samples until they reach the target error or the maximum
+        /// `samples`. Notes report the result. `None` takes `samples` everywhere.
         max_error: Option<f64> = None, range(1e-6, 1.0), other("0.5"), knob(Cutoff, "", "", "", "None");
         /// Maximum number of bounces after the first; 0 is direct light only.
         max_bounces: u32 = 8, range(0, 64), other("0"), knob(Depth, "2", "4", "8", "32");
@@ -111,13 +111,13 @@ engine::outputs! {
         /// The objects: linear RGB, premultiplied, and alpha.
         object: Arc<Images>,
         /// Planar depth of the front surface, object or receiver, at the centre of each pixel; +inf where there is
-        /// none. Blended surfaces count where they cover more than half.
+        /// no surface. Blended surfaces count where they cover more than half.
         depth: Arc<Images>,
         /// Planar depth of the nearest object that is visible anywhere in the pixel, however little of it; equal to
         /// `depth` if no object is visible there. Used by `splat-render(limit:)`: splats in front of it are in
         /// front of the objects.
         nearest: Arc<Images>,
-        /// Unit normal of the front surface in world axes, towards the camera; 0 where there is none.
+        /// Unit normal of the front surface in world axes, towards the camera; 0 where there is no surface.
         normal: Arc<Images>,
         /// Variance of the mean over samples, in four channels: the luminance of `without`, of `with` and of
         /// `object`, and the ratio of luminances `with / without`. It is computed as for independent samples, which

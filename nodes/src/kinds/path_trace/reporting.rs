@@ -46,7 +46,7 @@ pub(crate) fn report_inputs(mesh: &Mesh, prepared: &PreparedScene<'_>, objects: 
         (
             "raised-albedo",
             receiver.raised,
-            "vertex colours have a channel below 0.01 and were raised to 0.01",
+            "vertex colours had channels below 0.01, which were raised to 0.01",
         ),
         (
             "receiver-not-finite",

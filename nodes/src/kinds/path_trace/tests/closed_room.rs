@@ -63,8 +63,9 @@ fn a_sunk_foot_is_lit_like_one_on_the_floor() {
 }
 
 /// Surfaces beyond the walls of a room block none of its light: the outer sides of the walls, the next room,
-/// another storey. Surfaces in the room block light. A mesh whose faces are visible from both sides blocks none.
-/// This test fails if `outside` is always false in `Block::passes`, or if `Probe::decide` does not use `lit_share`.
+/// another storey. Surfaces in the room block light. A mesh whose faces are visible from both sides blocks no
+/// light. This test fails if `outside` is always false in `Block::passes`, or if `Probe::decide` does not use
+/// `lit_share`.
 #[test]
 fn what_is_beyond_the_walls_takes_no_light() {
     let beside = |low: [f32; 3], high: [f32; 3]| box_mesh(low, high, true);

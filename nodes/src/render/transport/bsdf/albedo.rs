@@ -283,7 +283,7 @@ fn facets(ggx: &Ggx, out: Vec3, eta: f32, [step, n]: [u32; 2]) -> [f32; 4] {
     sum.map(|sum| (sum / f64::from(n)) as f32)
 }
 
-/// Twice the integral of f(c) c dc for c from 0 to 1, which is the cosine-weighted mean over the hemisphere.
+/// Cosine-weighted mean of `f` over the hemisphere: twice the integral of f(c) c dc for c from 0 to 1.
 fn over_cosines<const N: usize>(f: impl Fn(f32) -> [f32; N]) -> [f32; N] {
     const STEPS: usize = 32;
     let mut sum = [0.0; N];

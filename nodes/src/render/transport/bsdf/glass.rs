@@ -33,7 +33,7 @@ pub fn tint(params: &BsdfParams) -> Vec3 {
 /// Transmission of a surface.
 #[derive(Debug, Clone, Copy)]
 pub struct Glass {
-    /// Relative index of the other side. `None` for a thin wall.
+    /// Index of refraction of the other side, relative to the side of the viewer. `None` for a thin wall.
     eta: Option<f32>,
     /// Product of share, colour and gain.
     weight: Vec3,

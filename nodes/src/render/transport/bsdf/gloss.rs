@@ -53,7 +53,7 @@ pub struct Gloss {
     pub ggx: Ggx,
     /// Albedos of the facets towards the viewer.
     pub facets: Facets,
-    /// Relative index of the other side.
+    /// Index of refraction of the other side, relative to the side of the viewer.
     pub eta: f32,
     /// Reflectance of the dielectric at normal and grazing incidence, times its share.
     dielectric: [Vec3; 2],

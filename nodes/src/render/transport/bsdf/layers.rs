@@ -63,7 +63,8 @@ impl Sheen {
     }
 }
 
-/// Transmittance of a surface for light that continues in the same direction, at an angle with the given cosine.
+/// Transmittance of a surface for light that continues in the same direction. `cosine` is the cosine of the angle
+/// of incidence.
 pub fn straight(params: &BsdfParams, cosine: f32) -> Vec3 {
     let out = Vec3::new((1.0 - cosine * cosine).max(0.0).sqrt(), 0.0, cosine.max(1e-4));
     let gloss = |params: &BsdfParams| Gloss::new(params, &Interface::new(params, out), out);

@@ -68,7 +68,8 @@ pub struct BsdfParams {
     /// True if transmission is left out. This is the case for rays that pass straight through transmissive
     /// surfaces.
     pub blocked: bool,
-    /// Share of matte light that leaves on the other side, and its colour (diffuse transmission).
+    /// Diffuse transmission: the share of the matte light that leaves on the other side of the surface, and its
+    /// colour.
     pub through: (f32, Vec3),
     /// Strength of anisotropy; its direction is the tangent of the frame.
     pub anisotropy: f32,

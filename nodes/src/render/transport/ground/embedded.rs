@@ -8,8 +8,8 @@ use crate::render::transport::scene::receiver::Receiver;
 
 /// Number of sample points per object.
 const PLACES: u32 = 256;
-/// Range of the hidden share that is reported. A smaller share is only an edge, and a larger one an object
-/// inside a wall.
+/// Range of hidden shares that are reported. If the share is smaller, only an edge is hidden; if it is larger, the
+/// object is inside a wall.
 const REPORTED: std::ops::Range<f64> = 0.05..0.95;
 
 /// The part of an object that is embedded in the receiver.

@@ -22,7 +22,7 @@ pub struct Probe {
     /// Number of rays along which light would arrive if the receiver were a closed room, under the rule that
     /// [`decide`](Self::decide) chooses for closed rooms.
     pub lit: u32,
-    /// Bounding box of the hits, which is the room in a closed place.
+    /// Bounding box of the hits. In a closed place, this is the box of the room.
     pub room: [[f32; 3]; 2],
 }
 

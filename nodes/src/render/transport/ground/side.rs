@@ -15,8 +15,8 @@ const GRID: u32 = 16;
 const STANDS: f64 = 0.25;
 /// Minimum share of the rays within a flat side that must hit its support.
 const AGAINST: f64 = 0.5;
-/// Minimum share of the extent of the oriented bounding box that a flat side must span, in both directions. A drum
-/// that lies along a wall spans 0.28.
+/// Minimum share of the extent of the oriented bounding box that a flat side must span along both of its axes. A
+/// drum that lies along a wall spans a share of 0.28.
 const FLAT: f64 = 1.0 / 3.0;
 /// Maximum cosine between the direction of a flat side and straight down; above it the side is the foot.
 const LEVEL: f64 = 0.98;

@@ -14,7 +14,7 @@ use crate::render::transport::scene::objects::Objects;
 use crate::render::transport::scene::receiver::Receiver;
 use crate::types::Placed;
 
-/// Minimum height by which the supporting object must reach farther down than the supported one, in metres.
+/// Minimum height, in metres, by which an object must reach farther down than the object that it supports.
 const LOWER: f64 = 0.005;
 
 /// Supports of the objects, with one entry per object.

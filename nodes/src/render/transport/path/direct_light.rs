@@ -20,7 +20,8 @@ const LAMPS: u32 = 1 << 16;
 /// Offset from the pair of sample dimensions of a light sample or scattered ray to the pair that chooses the
 /// virtual light in `dimming`.
 const DIMMING: u32 = 3 << 17;
-/// Offset from the same pair to the pair that chooses a direction within a virtual light's piece of the sky.
+/// Offset from the pair of sample dimensions of a light sample or scattered ray to the pair that chooses a
+/// direction within the virtual light's piece of the sky in `dimming`.
 const DIMMING_PIECE: u32 = 7 << 16;
 /// Maximum number of light samples per vertex.
 const MANY: usize = 5;
@@ -127,8 +128,8 @@ impl<'a> Integrator<'a> {
         lit
     }
 
-    /// Light of an emitter sample at a vertex, weighted against scattered rays and rays `towards` the objects. The
-    /// receiver blocks it like any solid surface.
+    /// Light of an emitter sample at a vertex, with MIS weights against scattered rays and against rays `towards`
+    /// the objects. The receiver blocks this light like any solid surface.
     pub(crate) fn sample_emitters(&mut self, at: &ShadingPoint, towards: &Towards) -> Vec3 {
         let (objects, surface) = (self.scene.objects, &at.surface);
         if !self.pass.lamps || !self.pass.objects || objects.emitters.is_empty() {

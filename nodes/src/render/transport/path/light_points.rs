@@ -2,10 +2,10 @@
 //! point's light that objects block.
 //!
 //! A receiver point under near light has the radiance that the panorama shows, captured without the objects.
-//! The share of this radiance that the objects block is the blocked share of its irradiance, and the light
-//! that they add is in proportion to its irradiance too. For both, the incoming light must be known in parts:
-//! each virtual light represents a piece of the receiver around it, or of the sky, by its radiance, area and
-//! normal (Keller 1997, virtual point lights).
+//! The objects block the same share of this radiance as of the irradiance at the point. Light that the objects add
+//! is reflected in the ratio of the radiance to the irradiance. Both computations need the incoming light in parts:
+//! each virtual light represents a piece of the receiver around it, or of the sky, by its radiance, area and normal
+//! (Keller 1997, virtual point lights).
 
 use std::f32::consts::TAU;
 use std::f64::consts::PI;

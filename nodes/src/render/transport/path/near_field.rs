@@ -19,12 +19,12 @@ use crate::math::color::luminance;
 use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::sky::environment::{EnvironmentLight, LightSample};
 
-/// Relative distance below which two surfaces count as one. A captured mesh is not more accurate, and either
-/// surface may be in front where a lamp lies on its wall.
+/// Relative distance below which two surfaces count as one. A captured mesh is not more accurate than this: where a
+/// lamp lies on a wall, either surface may be in front.
 const SAME: f32 = 0.01;
-/// Relative depth behind the first surface up to which a point still counts as visible from the point of capture,
-/// because a captured mesh can cover parts of itself. Not used for points that are as bright as lamps, which light
-/// samples would not find.
+/// Maximum depth of a point behind the first surface, relative to its distance, at which it still counts as visible
+/// from the point of capture. A captured mesh can cover parts of itself. Not used for points that are as bright as
+/// lamps, because light samples would not find them.
 const NEARLY: f32 = 0.05;
 
 /// Near light: the receiver emits the light of the panorama.

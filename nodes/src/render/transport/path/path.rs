@@ -24,8 +24,8 @@ pub enum Vertex {
     Receiver(Hit),
     /// A vertex on an object, hit by a camera ray or a specular ray.
     Object(Hit),
-    /// A vertex on an object, hit by a ray from a matte surface, which continues straight through
-    /// transmissive surfaces.
+    /// A vertex on an object, hit by a ray from a matte surface. Such a ray continues straight through transmissive
+    /// surfaces.
     Straight(Hit),
 }
 
@@ -55,8 +55,8 @@ pub(crate) struct PathState {
     pub bounce: u32,
     /// Throughput (beta).
     pub throughput: Vec3,
-    /// Factor of the throughput that is due to MIS weights against other rays. It must not end the path in
-    /// Russian roulette.
+    /// Factor of the throughput that is due to MIS weights against other rays. Russian roulette ignores this
+    /// factor, so that it never ends a path.
     pub share: f32,
     /// MIS weight of the emission at the vertex against light samples of the previous vertex.
     pub mis_weight: f32,

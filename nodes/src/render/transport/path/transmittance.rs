@@ -61,8 +61,8 @@ impl Integrator<'_> {
         (weight, media)
     }
 
-    /// Transmittance of the objects along a ray that starts in `media`, per class of lobes. `except` is a
-    /// triangle to ignore: the emitter at the end.
+    /// Transmittance of the objects along a ray that starts in `media`, per class of lobes. `except` is a triangle
+    /// to ignore, such as the emitter at the end of the ray.
     pub(crate) fn object_transmittance(
         &mut self,
         ray: Ray,
@@ -104,7 +104,7 @@ impl Integrator<'_> {
 
     /// Distance along a ray at which environment light starts if the receiver lets it pass. It is the distance of
     /// the receiver: the panorama shows the receiver there, so objects behind it block none of the light. Receiver
-    /// surfaces within the error of the mesh are ignored.
+    /// surfaces are ignored if their distance from the origin of the ray is within the error of the mesh.
     fn start_of_light(&mut self, ray: Ray) -> f32 {
         self.tally.rays.shadow += 1;
         let Scene { receiver, objects, .. } = self.scene;

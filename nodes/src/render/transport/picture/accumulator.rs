@@ -191,8 +191,7 @@ impl Accumulator {
     /// S y0)^2 / n` is summed over the chunks, where n is the number of samples of a chunk and y1 and y0 are its
     /// sums. The result is this sum per degree of freedom, times the total number of samples, divided by the square
     /// of the total y0. These variances include the benefit of stratification, but with few chunks only the mean
-    /// over many
-    /// pixels is useful.
+    /// over many pixels is useful.
     pub(crate) fn variances_between_chunks(&self, index: usize, chunks: usize) -> [f64; 2] {
         let (sums, n) = self.pixel(index);
         let of = |k: usize| f64::from(luminance([0, 1, 2].map(|c| sums[k + c] as f32)));

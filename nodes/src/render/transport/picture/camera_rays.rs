@@ -86,8 +86,8 @@ impl<'a> CameraRays<'a> {
         Ray::new(self.eye, direction.normalize().as_vec3())
     }
 
-    /// True if a ray through the pixel of a block may hit any object that the camera sees. All calls must
-    /// pass the same objects.
+    /// True if objects are visible to the camera and a ray through the pixel that represents a block may hit one of
+    /// them. All calls must pass the same objects.
     #[inline]
     pub(crate) fn may_show(&self, objects: &Objects, block: (u32, u32)) -> bool {
         let whole = || Silhouette::of(objects, self.camera, self.eye, self.axes);

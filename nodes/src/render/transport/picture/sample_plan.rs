@@ -19,8 +19,8 @@ const BLOCK: u32 = 4;
 const DARK: f64 = 1e-3;
 /// Largest assumed reduction of variance by stratification.
 const GAIN: f64 = 16.0;
-/// Minimum ratio, in standard errors, that is reliable. A ratio below it may be due to a single outlier path, so
-/// its error must not be measured relative to the ratio.
+/// Multiple of its standard error that a ratio must exceed to be reliable. A smaller ratio may be due to a single
+/// outlier path, so its error must not be measured relative to the ratio.
 const SURE: f64 = 2.0;
 /// Number of degrees of freedom given to the variance of independent samples when it is mixed with the
 /// variance between chunks, which is unreliable for few chunks and few pixels.

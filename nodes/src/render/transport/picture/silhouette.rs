@@ -72,8 +72,8 @@ impl Silhouette {
         self.held[y as usize * self.size[0] + x as usize]
     }
 
-    /// Adds the pixels of a triangle or a box, given by its corners in the image. Returns true for a box that must
-    /// be opened instead.
+    /// Adds the pixels of a triangle or a box, given by its corners in the image. A box larger than a pixel is not
+    /// added; for such a box the result is true if its children must be examined.
     fn look(&mut self, corners: &[DVec2], is_box: bool) -> bool {
         let Some(pixels) = self.around(corners) else { return false };
         if self.is_known(pixels) {

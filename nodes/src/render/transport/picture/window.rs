@@ -18,7 +18,7 @@ pub(crate) struct Window {
     tilt: [f64; 2],
     /// Axis of the cone, and cosine and sine of its angle. `None` if the angle is a right angle or more.
     cone: Option<(DVec3, [f64; 2])>,
-    /// Squared sine of the angular radius of the box, as seen from the nearest point.
+    /// Squared sine of the angular radius of the box, as seen from the nearest point of the tile.
     ball: f64,
     wedge: Option<Wedge>,
 }
@@ -79,8 +79,8 @@ impl Window {
         of_cone.min(PI * self.ball).min(self.wedge.as_ref().map_or(PI, |wedge| wedge.projected(tilt)))
     }
 
-    /// Upper bound of the cosine with any normal for directions within `radius` of a unit direction; 0
-    /// outside the window.
+    /// Upper bound of the cosine between any of the normals and any direction within `radius` of the unit vector
+    /// `direction`. 0 if all of these directions are outside the window.
     pub(crate) fn cosine(&self, direction: DVec3, radius: f64) -> f64 {
         // The cosine with the cone's axis changes by at most the distance that a direction moves.
         let inside = self.cone.is_none_or(|(axis, [cosine, _])| direction.dot(axis) + radius >= cosine);

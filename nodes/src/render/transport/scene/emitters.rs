@@ -49,7 +49,7 @@ impl Lattice {
         2 * (i * self.side + j) + u32::from(upper)
     }
 
-    /// Barycentric weights of a point of a cell, from weights within the cell.
+    /// Barycentric weights of a point within the triangle, from its weights within a cell.
     fn place(&self, cell: u32, [u, v]: [f32; 2]) -> [f32; 2] {
         let side = self.side as f32;
         let [i, j] = [cell / 2 / self.side, cell / 2 % self.side].map(|k| k as f32);

@@ -1,10 +1,9 @@
 //! Flat objects that lie exactly on another object: a label on a box, a cloth on a table, a card on a card.
 //!
 //! Which of two coincident surfaces a ray hits would otherwise depend on rounding. A flat object in the plane of a
-//! face
-//! of another object is lifted off it by a few millionths of its coordinates, so that it is in front for all
-//! rays. A rug on the floor under a table is not moved: to separate it from the feet of the table, it would
-//! have to move into the floor, and the contact with the feet is not visible.
+//! face of another object is lifted off it by a few millionths of its coordinates, so that it is in front for all
+//! rays. A rug on the floor under a table is not moved: to separate it from the feet of the table, it would have to
+//! move into the floor, and the contact with the feet is not visible.
 
 use glam::{DVec2, Vec3};
 

@@ -1,10 +1,9 @@
 //! Objects that coincide with the receiver: a rug on a floor, a picture on a wall.
 //!
 //! Which of two coincident surfaces a ray hits would otherwise depend on rounding. Here the object counts as in
-//! front of the
-//! receiver: rays to the receiver pass through it first, and rays through it reach the receiver, as if the object
-//! lay a millimetre higher. Surfaces of bodies, such as the lower face of a glass that stands on a floor, are
-//! handled in [`super::media`].
+//! front of the receiver: rays to the receiver pass through the object first, and rays through the object reach the
+//! receiver, as if the object lay a millimetre higher. Surfaces of bodies, such as the lower face of a glass that
+//! stands on a floor, are handled in [`super::media`].
 
 use glam::Vec3;
 

@@ -7,8 +7,8 @@
 
 use glam::{DMat3, DVec3};
 
-/// Upper bound of the irradiance, from integrals over the sphere of radiance, radiance times direction, and
-/// radiance times products of direction components.
+/// Upper bound of the irradiance. The arguments are integrals over the sphere of directions: of the radiance, of
+/// the radiance times the direction, and of the radiance times the products of two components of the direction.
 pub fn greatest_irradiance(power: f64, towards: DVec3, squares: DMat3) -> f64 {
     let trace = squares.x_axis.x + squares.y_axis.y + squares.z_axis.z;
     if trace <= 0.0 {

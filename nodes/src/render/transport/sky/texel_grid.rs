@@ -76,7 +76,7 @@ impl TexelGrid {
         pixel_solid_angle(self.width, self.height, y)
     }
 
-    /// Upper bound of half the distance between two directions of a texel.
+    /// Upper bound of half the distance between any two directions in the same texel.
     pub fn radius(&self) -> f64 {
         PI * (0.5 / self.height as f64 + 1.0 / self.width as f64)
     }

@@ -200,7 +200,7 @@ impl EnvironmentLight {
         }
     }
 
-    /// Tier of a single light sample, and the remaining random numbers.
+    /// Chooses the tier of a single light sample. Also returns random numbers for the choice within the tier.
     #[inline]
     pub fn tier(&self, distributions: Distributions<'_>, [v, u]: [u32; 2]) -> (usize, [u32; 2]) {
         let share = f64::from(self.numbers(distributions, None)[0]);
