@@ -203,8 +203,8 @@ fn what_a_choice_holds_wrongly_is_reported() {
     for (wrong, reported) in [
         ("Within(2.0)", "fields in the brackets need names"),
         ("Within(2.0)", "expected Within(metres: number, bounces: false)"),
-        ("Room(layers: 0)", "`layers` must lie between 1 and 16, and is 0"),
-        ("Within(metres: -1.0)", "`metres` must be at least 0, and is -1"),
+        ("Room(layers: 0)", "`layers` is 0; it must be 1 to 16"),
+        ("Within(metres: -1.0)", "`metres` is -1; it must be at least 0"),
         ("Rom", "did you mean `Room`?"),
     ] {
         let graph = INSERT.replace("samples: 4", &format!("samples: 4, surroundings: {wrong}"));

@@ -149,10 +149,11 @@ impl Decision {
         let Some(probe) = probe.filter(|_| decided) else { return };
         let mut text = format!("{}: {}", self.name(), seen(probe));
         if let Some(share) = self.solid_light {
-            text += &format!("; a solid mesh lets in {:.1} % of the light", 100.0 * share);
+            text += &format!("; a solid mesh would let in {:.1} % of the light", 100.0 * share);
         }
         if !self.projected.0 && self.block != Block::Solid && probe.one_side() {
-            text += &format!("; treated as a Room, {:.1} % of the rays are lit", 100.0 * probe.lit_share());
+            let lit = 100.0 * probe.lit_share();
+            text += &format!("; in a `Room`, light would arrive along {lit:.1} % of the probe rays");
         }
         text += match self.projected {
             (_, Reason::AsSet) => "",

@@ -49,12 +49,13 @@ engine::params! {
     pub struct PathTrace {
         /// Number of paths per pixel. With `max_error` it is the maximum number, and at least 4 paths are traced.
         samples: u32 = 256, range(1, 1_048_576), other("3"), knob(Samples, "4", "16", "64", "1024");
-        /// Target standard error of each tile of 8 by 8 pixels, as a root mean square over the pixels that have an
-        /// error. It applies to `object`, relative to the mean of `object`, and to the ratio `with / without` where
+        /// Target standard error of each tile of 8 by 8 pixels, as a root mean square over the pixels whose error
+        /// is not 0. It applies to `object`, relative to the mean of `object`, and to the ratio `with / without`
+        /// where
         /// the receiver is visible. Where the ratio is certainly above 1, its error is relative to the ratio.
         /// Pixels where `without` is below a thousandth of its median are ignored. After the first 4 samples,
-        /// blocks of 32 by 32 pixels take more chunks of samples until they reach the target or the maximum
-        /// `samples`, which is reported. `None` takes `samples` everywhere.
+        /// blocks of 32 by 32 pixels take more chunks of samples until they reach the target error or the maximum
+        /// `samples`. Notes report the result. `None` takes `samples` everywhere.
         max_error: Option<f64> = None, range(1e-6, 1.0), other("0.5"), knob(Cutoff, "", "", "", "None");
         /// Maximum number of bounces after the first; 0 is direct light only.
         max_bounces: u32 = 8, range(0, 64), other("0"), knob(Depth, "2", "4", "8", "32");
@@ -75,8 +76,8 @@ engine::params! {
         /// Traces only the change of the receiver, for graphs that need only the shadow. `object` is empty; depth
         /// and normals are those of the receiver.
         shadow_only: bool = false, other("true");
-        /// Side of the pixel blocks of which only one pixel is traced. Its value fills the whole block, as in the
-        /// first preview of `watch`. 1 traces every pixel.
+        /// Side, in pixels, of the blocks of which only one pixel is traced. The value of this pixel fills the
+        /// whole block, as in the first preview of `watch`. 1 traces every pixel.
         coarse_px: u32 = 1, range(1, 64), unit("px"), other("2");
         /// Maximum relative change of light at which a tile of 8 by 8 pixels is cropped. In a cropped tile no ray
         /// is traced for the change due to the objects, and `with` equals `without`. The change is an upper bound,
@@ -110,13 +111,13 @@ engine::outputs! {
         /// The objects: linear RGB, premultiplied, and alpha.
         object: Arc<Images>,
         /// Planar depth of the front surface, object or receiver, at the centre of each pixel; +inf where there is
-        /// none. Blended surfaces count where they cover more than half.
+        /// no surface. Blended surfaces count where they cover more than half.
         depth: Arc<Images>,
         /// Planar depth of the nearest object that is visible anywhere in the pixel, however little of it; equal to
         /// `depth` if no object is visible there. Used by `splat-render(limit:)`: splats in front of it are in
         /// front of the objects.
         nearest: Arc<Images>,
-        /// Unit normal of the front surface in world axes, towards the camera; 0 where there is none.
+        /// Unit normal of the front surface in world axes, towards the camera; 0 where there is no surface.
         normal: Arc<Images>,
         /// Variance of the mean over samples, in four channels: the luminance of `without`, of `with` and of
         /// `object`, and the ratio of luminances `with / without`. It is computed as for independent samples, which
@@ -133,7 +134,7 @@ struct Decided {
     name: String,
     rules: Rules,
     probe: Option<Probe>,
-    /// Share of light that reflection by the mesh counts twice, or would count twice if it were enabled.
+    /// Share of light that reflection by the mesh counts twice, or would count twice if reflection were enabled.
     /// `None` for a solid mesh.
     twice: Option<f64>,
 }

@@ -16,6 +16,7 @@ use crate::render::transport::ground::standing::Standing;
 use crate::render::transport::path::visibility::Rules;
 use crate::render::transport::picture::accumulator::FinishedView;
 use crate::render::transport::picture::accumulator::ReachedError;
+use crate::render::transport::picture::film::FIRST;
 use crate::render::transport::picture::holes::holes;
 use crate::render::transport::picture::prepared::PreparedScene;
 use crate::render::transport::scene::aabb::Aabb;
@@ -45,7 +46,7 @@ pub(crate) fn report_inputs(mesh: &Mesh, prepared: &PreparedScene<'_>, objects: 
         (
             "raised-albedo",
             receiver.raised,
-            "vertex colours have a channel below 0.01 and were raised to 0.01",
+            "vertex colours had channels below 0.01, which were raised to 0.01",
         ),
         (
             "receiver-not-finite",
@@ -111,16 +112,15 @@ pub(crate) fn report_capture(fault: Option<CaptureFault>, metres_per_unit: f64, 
         None => {}
         Some(CaptureFault::Raised(raised)) => {
             let millimetres = f64::from(raised) * metres_per_unit * 1e3;
-            let text = "the point of capture lies on or under the mesh, from where only back faces or no surfaces \
-                        are visible; it was moved up by";
+            let text = "the point of capture lies on or under the mesh, where only back faces or no surfaces would be \
+                        visible; it was moved up by";
             notes.warning("capture-under-ground", format!("{text} {millimetres:.0} mm"));
         }
         Some(CaptureFault::SeesNothing(held)) => {
-            let text = "no part of the mesh is visible from the point of capture, but the mesh fills";
-            notes.warning(
-                "capture-far-off",
-                format!("{text} {:.0} % of the view of a camera; {hint}", 100.0 * held),
-            );
+            let text =
+                "no part of the mesh is visible from the point of capture, although it surrounds a camera";
+            let held = format!("{:.0} % of the rays from the camera hit it", 100.0 * held);
+            notes.warning("capture-far-off", format!("{text} ({held}); {hint}"));
         }
         Some(CaptureFault::SeesBacks(backs)) => {
             let text = "of the surfaces visible from the point of capture are back faces, so the point is inside an object, under \
@@ -146,7 +146,7 @@ pub(crate) fn report_views(
     let most = params.most();
     let broken: u64 = views.iter().map(|view| view.broken).sum();
     if broken > 0 {
-        notes.warning("not-finite", format!("{broken} samples were not finite and count as black"));
+        notes.warning("not-finite", format!("samples that were not finite and count as black: {broken}"));
     }
     report_variance(most, views.iter().map(|view| view.beyond).sum(), notes);
     // A coarse preview may miss small objects.
@@ -185,7 +185,7 @@ fn report_darkness(view: &FinishedView, name: &str, power: [f64; 3], rules: &Rul
             }
             _ => "no light of the environment reaches the surfaces in view",
         };
-        notes.warning("no-light", format!("`{name}` is black: {why}"));
+        notes.warning("no-light", format!("the image of `{name}` is black: {why}"));
     }
 }
 
@@ -207,7 +207,7 @@ pub(crate) fn report_coarse_coordinates(prepared: &PreparedScene<'_>, objects: &
     }
 }
 
-/// Reports how the objects stand, and which of them miss the receiver.
+/// Reports how the objects stand, and which of them have no receiver below them.
 pub(crate) fn report_standing(
     standing: &Standing,
     (metres_per_unit, contact_metres): (f64, Option<f64>),
@@ -256,14 +256,15 @@ fn report_contact(
         if height.abs() * metres_per_unit <= contact_metres.unwrap_or(0.0).max(LARGEST) {
             let (offset, roughness) = (millimetres(height), millimetres(roughness));
             on_it.push(format!(
-                "{roughness:.1} mm rough and {offset:+.1} mm above the base of object {index}"
+                "a roughness of {roughness:.1} mm and an offset of {offset:+.1} mm from the base of object {index}"
             ));
         } else if !carried[index] {
             report_off_the_ground(index, height, tall[index], millimetres(height.abs()), notes);
         }
     }
     if !on_it.is_empty() && contact_metres.is_none() {
-        notes.decision("contact", format!("the receiver mesh is {}", on_it.join("; ")));
+        let text = on_it.join(", ");
+        notes.decision("contact", format!("the receiver mesh has {text} (positive: into the object)"));
     }
 }
 
@@ -275,11 +276,14 @@ fn report_sides<'a>(sides: impl Iterator<Item = &'a [Level]>, metres_per_unit: f
         .flat_map(|(index, sides)| sides.iter().map(move |level| (index, level)))
         .map(|(index, level)| {
             let (rough, over) = (millimetres(level.roughness), millimetres(level.height));
-            format!("{rough:.1} mm rough and {over:+.1} mm beyond a side of object {index} that rests on it")
+            format!(
+                "a roughness of {rough:.1} mm and an offset of {over:+.1} mm from the side of object {index} that rests on it"
+            )
         })
         .collect();
     if !named.is_empty() {
-        notes.decision("contact-side", format!("the receiver mesh is {}", named.join("; ")));
+        let text = named.join(", ");
+        notes.decision("contact-side", format!("the receiver mesh has {text} (positive: into the object)"));
     }
 }
 
@@ -328,13 +332,14 @@ fn report_off_the_ground(index: usize, ground: f64, tall: f64, millimetres: f64,
 /// Warns where `variance` is unavailable or out of range.
 fn report_variance(samples: u32, beyond: u64, notes: &mut Notes) {
     if samples == 1 {
-        let text = "variance needs 2 samples: with 1, `variance` is 0, standard errors are not computed and `denoise` does nothing; \
-                    raise `samples`";
+        let text = "variance needs at least 2 samples per pixel; with 1, `variance` is 0, no standard errors are computed and \
+                    `denoise` does nothing; raise `samples`";
         notes.warning("no-variance", text);
     }
     if beyond > 0 {
-        let text = "values of `variance` exceed the range of single precision and were clamped; scale the environment to a radiance closer to 1";
-        notes.warning("variance-range", format!("{beyond} {text}"));
+        let text = "values of `variance` that were clamped to the range of single precision";
+        let hint = "scale the environment to a radiance closer to 1";
+        notes.warning("variance-range", format!("{text}: {beyond}; {hint}"));
     }
 }
 
@@ -352,13 +357,13 @@ pub(crate) fn report_first_samples(samples: u32, most: u32, notes: &mut Notes) {
 pub(crate) fn report_plan(view: &str, reached: &ReachedError, most: u32, notes: &mut Notes) {
     let ReachedError { asked, worst, blocks: [all, more, short], samples, .. } = *reached;
     let text = format!(
-        "`{view}`: {more} of {all} blocks took more than the first samples; the average is {samples:.1} samples per pixel"
+        "`{view}`: {more} of {all} blocks of pixels took more than the first {FIRST} samples; the average is {samples:.1} samples per pixel"
     );
     notes.decision("sample-plan", format!("{text}; the largest error is {worst:.4} (`max_error` {asked})"));
     if short > 0 {
         let text = format!(
-            "`{view}`: after {most} samples per pixel, {short} of {all} blocks have a standard error above {asked}, up to \
-             {worst:.4}"
+            "`{view}`: after {most} samples per pixel, the standard error is above {asked} in {short} of {all} blocks of \
+             pixels; the largest is {worst:.4}"
         );
         // Errors fall with the square root of the samples.
         let ratio = worst / asked;
@@ -401,7 +406,7 @@ fn report_cut_paths(view: &str, share: f64, max_bounces: u32, notes: &mut Notes)
     }
 }
 
-/// Reports which of several objects no view shows, while others are visible.
+/// Reports objects that no view shows.
 pub(crate) fn report_unseen(unseen: &[Option<Unseen>], notes: &mut Notes) {
     let of = |wanted: Unseen| {
         let found = unseen.iter().enumerate().filter(move |(_, one)| **one == Some(wanted));
@@ -421,7 +426,7 @@ pub(crate) fn report_unseen(unseen: &[Option<Unseen>], notes: &mut Notes) {
     }
     if !outside.is_empty() {
         let text = format!("no view shows {}", named(&outside));
-        notes.decision("object-outside", format!("{text}; its shadow and reflected light are still traced"));
+        notes.decision("object-outside", format!("{text}; shadows and reflected light are still traced"));
     }
 }
 
@@ -430,11 +435,11 @@ fn percent(share: f64) -> String {
     if share < 0.01 { "less than 1 %".to_owned() } else { format!("{:.0} %", 100.0 * share) }
 }
 
-/// Reports where objects were cropped.
+/// Reports the share of pixel chunks that were cropped.
 fn report_cropped(view: &str, (share, bound): (f64, f64), notes: &mut Notes) {
     if share > 0.0 {
         let text = format!(
-            "`{view}`: skipped {1} of the pixel chunks, where objects change at most {0:.2} % of the light",
+            "`{view}`: the change due to objects was not traced in {1} of the pixel chunks, where it is at most {0:.2} % of the light",
             100.0 * bound,
             percent(share)
         );

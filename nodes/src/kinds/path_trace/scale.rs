@@ -29,7 +29,7 @@ pub(crate) fn report_size(receiver: &Receiver, boxes: &[Aabb], metres_per_unit: 
     }
 }
 
-/// Reason why a camera may see none of the objects, by their bounding boxes.
+/// Likely reason why a camera sees none of the objects, derived from their bounding boxes.
 pub(crate) fn why_not_seen(camera: &str, eye: Vec3, boxes: &[Aabb]) -> String {
     if let Some(around) = boxes.iter().position(|one| one.holds(eye)) {
         return format!(

@@ -101,10 +101,10 @@ impl Surroundings {
     pub fn out_of_range(&self) -> Option<String> {
         match self {
             Self::Within { metres, .. } if !metres.is_finite() || *metres < 0.0 => {
-                Some(format!("`metres` must be at least 0, and is {metres}"))
+                Some(format!("`metres` is {metres}; it must be at least 0"))
             }
             Self::Room { layers, .. } if !(1..=MOST_LAYERS as u32).contains(layers) => {
-                Some(format!("`layers` must lie between 1 and {MOST_LAYERS}, and is {layers}"))
+                Some(format!("`layers` is {layers}; it must be 1 to {MOST_LAYERS}"))
             }
             _ => None,
         }

@@ -164,7 +164,7 @@ fn mean(images: &Images) -> f64 {
     crate::math::num::ordered_sum(s.iter().copied()) / s.len() as f64
 }
 
-/// Mean colour of fully covered pixels.
+/// Mean of the colour channels of fully covered pixels.
 fn covered(images: &Images) -> f64 {
     let solid = samples(images).chunks(4).filter(|p| p[3] == 1.0);
     let (sum, n) = solid.fold((0.0, 0.0), |(s, n), p| (s + f64::from(p[0] + p[1] + p[2]) / 3.0, n + 1.0));

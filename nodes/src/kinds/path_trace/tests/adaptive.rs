@@ -17,7 +17,7 @@ fn layers(out: &Out) -> [&[f32]; 4] {
     [&out.without, &out.with, &out.object, &out.variance].map(|images| samples(images))
 }
 
-/// Row of the report that describes the samples of adaptive sampling.
+/// Values of the report row that describes the samples of adaptive sampling.
 fn plan(out: &Out) -> Vec<f64> {
     let table = out.report.tables.iter().find(|table| table.name == "samples").expect("a plan");
     let number = |cell: &Cell| match *cell {
@@ -141,8 +141,8 @@ fn variance_is_that_of_many_seeds() {
     }
 }
 
-/// Shares of the noisy pixels that differ between two renders by more than two and by more than three standard
-/// errors. Also returns the number of noisy pixels.
+/// Two shares of the noisy pixels: those whose values in two renders differ by more than two standard errors, and
+/// those by more than three. Also returns the number of noisy pixels.
 fn beyond(a: &[[f64; 2]], b: &[[f64; 2]]) -> ([f64; 2], f64) {
     let pairs = a.iter().zip(b).filter(|([_, v], [_, w])| v + w > 0.0);
     let z: Vec<f64> = pairs.map(|([a, v], [b, w])| (a - b).abs() / (v + w).sqrt()).collect();
@@ -199,7 +199,7 @@ fn what_would_reach_the_error_is_reported() {
         notes.iter().find(|n| n.id == "error-not-reached").map(|n| n.text.clone()).expect("a note")
     };
     let text = told(0.01, 0.051);
-    assert!(text.contains("after 16 samples per pixel, 2 of 4 blocks") && text.contains("above 0.01"));
+    assert!(text.contains("after 16 samples per pixel") && text.contains("above 0.01 in 2 of 4 blocks"));
     assert!(text.contains("`samples` to about 420") && text.contains("`max_error` to 5.10e-2"), "{text}");
     assert!(told(1e-6, 0.05).contains("more `samples` than the maximum"));
 }

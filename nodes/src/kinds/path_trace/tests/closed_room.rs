@@ -11,7 +11,7 @@ fn cube(material: &Material, z: f64) -> [Arc<Placed>; 1] {
     [placed(&box_mesh([-0.2, -0.2, 0.0], [0.2, 0.2, 0.4], false), material.clone(), DVec3::Z * z)]
 }
 
-/// View of the foot of the cube at height `z` and its surroundings, in which a centimetre is three pixels.
+/// View of the foot of the cube at height `z` and of its surroundings, at three pixels per centimetre.
 fn at_the_foot(z: f64) -> Arc<Rig> {
     rig(DVec3::new(-1.0, 0.05, 0.3 + z), DVec3::new(-0.2, 0.0, z), 24, 20.0)
 }
@@ -63,8 +63,9 @@ fn a_sunk_foot_is_lit_like_one_on_the_floor() {
 }
 
 /// Surfaces beyond the walls of a room block none of its light: the outer sides of the walls, the next room,
-/// another storey. Surfaces in the room block light. A mesh whose faces are visible from both sides blocks none.
-/// This test fails if `outside` is always false in `Block::passes`, or if `Probe::decide` does not use `lit_share`.
+/// another storey. Surfaces in the room block light. A mesh whose faces are visible from both sides blocks no
+/// light. This test fails if `outside` is always false in `Block::passes`, or if `Probe::decide` does not use
+/// `lit_share`.
 #[test]
 fn what_is_beyond_the_walls_takes_no_light() {
     let beside = |low: [f32; 3], high: [f32; 3]| box_mesh(low, high, true);
@@ -80,7 +81,7 @@ fn what_is_beyond_the_walls_takes_no_light() {
         ([mean(&out.without), mean(&out.with), covered(&out.object)], told)
     };
     let (alone, told) = seen(&merge(room(), nothing));
-    assert!(told.starts_with("Room") && told.contains("a Room, 100.0 % of the rays are lit"), "{told}");
+    assert!(told.starts_with("Room") && told.contains("would arrive along 100.0 % of"), "{told}");
     for around in [outer.clone(), next.clone(), merge(outer, next), storey] {
         let (found, told) = seen(&merge(room(), around));
         assert!(told.starts_with("Room"), "{told}");
@@ -102,8 +103,8 @@ fn what_is_beyond_the_walls_takes_no_light() {
 }
 
 /// An object behind a wall, in the next room, changes nothing in this room: the light of the panorama starts at the
-/// wall. This test fails if `sky_transmittance` always returns `all`, or if `before_the_light` returns its
-/// argument.
+/// wall. This test fails if `sky_transmittance` always returns `all`, or if `before_the_light` returns its argument
+/// `object` unchanged.
 #[test]
 fn objects_behind_a_wall_change_nothing() {
     let mut env = sunny();

@@ -85,8 +85,8 @@ fn an_aureole_does_not_widen_the_sun() {
     assert_eq!(columns(120.0), 256);
 }
 
-/// A sufficient resolution changes the shadow by less than 1 % and the object by less than 2 %, both root mean
-/// square.
+/// With a resolution that is reported as sufficient, the shadow changes by less than 1 % and the object by less
+/// than 2 % (root mean square).
 #[test]
 fn what_is_reported_to_suffice_does() {
     let fine = lit(512, 24.0);

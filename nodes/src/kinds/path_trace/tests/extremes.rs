@@ -156,8 +156,8 @@ fn a_scene_may_lie_anywhere_and_have_any_size() {
     }
 }
 
-/// The floor under a box is dark at any gap, except for the light that enters through the gap, and no light
-/// leaks in if the gap is 0.
+/// The floor under a box is dark, except for the light that enters through the gap between them, for any height of
+/// the gap. No light leaks in if the height is 0.
 #[test]
 fn contact_shadow_is_dark_and_monotone_in_the_gap() {
     let below = rig(DVec3::new(0.0, 0.0, 3.0), DVec3::new(0.0, 0.001, 0.0), 6, 20.0);

@@ -144,8 +144,8 @@ fn a_lamp_in_a_globe_lights_every_pixel() {
     }
 }
 
-/// With the globe above a card, which is an object, rays from the visible points of the card find the globe as well. This test
-/// fails if `shades` is not used: the relative spread of the pixels is then 2.1.
+/// With the globe above a card, which is an object, rays from the visible points of the card also find the globe.
+/// This test fails if `shades` is not used: the relative spread of the pixels is then 2.1.
 #[test]
 fn a_lamp_in_a_globe_lights_every_pixel_of_an_object() {
     let (radiance, lamp, globe) = (5e4_f32, 0.02_f32, 0.1_f32);

@@ -216,9 +216,9 @@ fn paths_that_are_too_long_are_reported() {
     }
 }
 
-/// The green channel of a normal map points up its picture, while v runs down the picture. A card with a map of one
-/// colour looks like a card whose vertex normals are bent, whether tangents are computed or taken from the texture
-/// coordinates.
+/// The green channel of a normal map points up in the texture, while v increases downwards. A card with a normal
+/// map of one colour looks like a card whose vertex normals are bent, whether tangents are stored or computed from
+/// the texture coordinates.
 #[test]
 fn green_of_a_normal_map_points_up_the_picture() {
     use crate::types::{NormalMap, Sampler, Texture, TextureRef, Wrap};

@@ -63,7 +63,7 @@ fn place(cosine: f32) -> f32 {
     cosine.max(0.0).sqrt()
 }
 
-/// Viewer direction of a table coordinate.
+/// Viewer direction that corresponds to a table coordinate.
 fn viewer(place: f32) -> Vec3 {
     let z = (place * place).max(1e-4);
     Vec3::new((1.0 - z * z).max(0.0).sqrt(), 0.0, z)
@@ -80,7 +80,7 @@ pub struct Facets {
     dielectric: f32,
     /// Share transmitted by a dielectric interface.
     pub passed: f32,
-    /// Mean of `all` over the hemisphere, for light that hits a second facet.
+    /// Mean of `all` over all viewer directions. Used for light that hits a second facet.
     mean: f32,
     /// Mean of [`dielectric::rise`] over the hemisphere.
     rise: f32,
@@ -117,13 +117,15 @@ impl Facets {
         Self { all: all.clamp(1e-3, 1.0), metal, dielectric, passed, mean, rise }
     }
 
-    /// Albedo of a metal with reflectance `f0` at normal incidence: for single scattering only, and in total.
+    /// Albedo of a metal with reflectance `f0` at normal incidence. The first value counts only single scattering,
+    /// the second also multiple scattering.
     pub fn metal(&self, f0: f32) -> [f32; 2] {
         let once = f0 * (self.all - self.metal) + self.metal;
         [once, once * self.gain(f0 + (1.0 - f0) / 21.0)]
     }
 
-    /// Albedo of a dielectric with reflectance `f0` at normal incidence: for single scattering only, and in total.
+    /// Albedo of a dielectric with reflectance `f0` at normal incidence. The first value counts only single
+    /// scattering, the second also multiple scattering.
     pub fn dielectric(&self, f0: f32) -> [f32; 2] {
         let once = f0 * (self.all - self.dielectric) + self.dielectric;
         [once, (once * self.gain(f0 + (1.0 - f0) * self.rise)).min(1.0)]
@@ -281,7 +283,7 @@ fn facets(ggx: &Ggx, out: Vec3, eta: f32, [step, n]: [u32; 2]) -> [f32; 4] {
     sum.map(|sum| (sum / f64::from(n)) as f32)
 }
 
-/// Twice the integral of f(c) c dc for c from 0 to 1, which is the cosine-weighted mean over the hemisphere.
+/// Cosine-weighted mean of `f` over the hemisphere: twice the integral of f(c) c dc for c from 0 to 1.
 fn over_cosines<const N: usize>(f: impl Fn(f32) -> [f32; N]) -> [f32; N] {
     const STEPS: usize = 32;
     let mut sum = [0.0; N];

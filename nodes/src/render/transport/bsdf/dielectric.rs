@@ -17,14 +17,14 @@ pub fn relative(params: &BsdfParams) -> f32 {
     if params.inside { 1.0 / index } else { index }
 }
 
-/// Cosine of the angle on the other side of an interface of relative index `eta`, for the cosine of the angle on
-/// this side. `None` beyond the critical angle.
+/// Cosine of the angle of refraction at an interface of relative index `eta`. `cosine` is the cosine of the angle
+/// of incidence. `None` beyond the critical angle.
 pub fn cos_refracted(cosine: f32, eta: f32) -> Option<f32> {
     let squared = 1.0 - (1.0 - cosine * cosine) / (eta * eta);
     (squared > 0.0).then(|| squared.sqrt())
 }
 
-/// Fresnel reflectance of an interface for unpolarised light. `cosine` is the cosine of the angle on this side.
+/// Fresnel reflectance of an interface for unpolarised light. `cosine` is the cosine of the angle of incidence.
 pub fn fresnel(cosine: f32, eta: f32) -> f32 {
     let Some(across) = cos_refracted(cosine, eta) else { return 1.0 };
     let across_plane = (cosine - eta * across) / (cosine + eta * across);
@@ -32,9 +32,9 @@ pub fn fresnel(cosine: f32, eta: f32) -> f32 {
     0.5 * (across_plane * across_plane + in_plane * in_plane)
 }
 
-/// Rise of the reflectance from 0 at normal incidence to 1 at grazing incidence. In Schlick's approximation it is
-/// `(1 - cosine)^5`. For indices of 4 and more the reflectance first falls below its value at normal incidence; the
-/// rise is 0 there.
+/// Relative rise of the reflectance above its value at normal incidence: 0 at normal incidence, and 1 at grazing
+/// incidence. In Schlick's approximation it is `(1 - cosine)^5`. For indices of 4 and more, the reflectance is
+/// below its value at normal incidence at some angles; the rise is 0 there.
 pub fn rise(cosine: f32, eta: f32) -> f32 {
     let f0 = f0_of_ior(eta);
     ((fresnel(cosine, eta) - f0) / (1.0 - f0)).clamp(0.0, 1.0)

@@ -50,8 +50,9 @@ impl Ggx {
         [self.x, self.y]
     }
 
-    /// Roughness of the isotropic distribution that loses about as much energy to multiple scattering towards
-    /// `out`. At normal incidence it follows from the mean of the squared alphas. At other angles, slopes along the
+    /// Roughness of an isotropic distribution that loses about as much energy to multiple scattering towards `out`
+    /// as this distribution does. At normal incidence it follows from the mean of the squared alphas. At other
+    /// angles, slopes along the
     /// view direction count less and slopes across it more. The formula is fitted to sampled albedos and matches
     /// them within 6 %.
     pub fn roughness(&self, out: Vec3) -> f32 {

@@ -10,8 +10,8 @@ use super::ggx::Ggx;
 use super::gloss::Gloss;
 use super::{BsdfParams, Scatter};
 
-/// Refraction from `incident` below the surface to `out` above it: its value without gain (Walter et al. 2007), its
-/// density, and the cosine between `out` and the facet.
+/// Refraction of light from `incident`, below the surface, to `out`, above it. Returns the value of the BSDF
+/// without gain (Walter et al. 2007), the density of `incident`, and the cosine between `out` and the facet.
 pub fn refraction(ggx: &Ggx, out: Vec3, incident: Vec3, eta: f32) -> [f32; 3] {
     let half = (out + incident * eta).normalize_or_zero();
     let half = if half.z < 0.0 { -half } else { half };
@@ -24,8 +24,8 @@ pub fn refraction(ggx: &Ggx, out: Vec3, incident: Vec3, eta: f32) -> [f32; 3] {
     [pdf * (1.0 - fresnel(near, eta)) * ggx.g2_over_g1(out, incident), pdf, near]
 }
 
-/// Colour of the light that is transmitted at one crossing of a surface. Light crosses the surface of a body twice
-/// and a thin wall once, and in both cases is multiplied by the base colour once in total.
+/// Factor, per channel, by which one crossing of a surface colours transmitted light. Light crosses a thin wall
+/// once and the surface of a body twice, so the factor of a body is the square root of the base colour.
 pub fn tint(params: &BsdfParams) -> Vec3 {
     if params.thick { Vec3::from_array(params.base.to_array().map(f32::sqrt)) } else { params.base }
 }
@@ -33,7 +33,7 @@ pub fn tint(params: &BsdfParams) -> Vec3 {
 /// Transmission of a surface.
 #[derive(Debug, Clone, Copy)]
 pub struct Glass {
-    /// Relative index of the other side. `None` for a thin wall.
+    /// Index of refraction of the other side, relative to the side of the viewer. `None` for a thin wall.
     eta: Option<f32>,
     /// Product of share, colour and gain.
     weight: Vec3,
@@ -41,7 +41,7 @@ pub struct Glass {
     metal: f32,
     /// Share of the surface that transmits the light that its interface does not reflect.
     clear: f32,
-    /// Transmitted share towards the viewer.
+    /// Share of the light that is transmitted towards the viewer if equal light arrives from all directions.
     pub albedo: Vec3,
 }
 

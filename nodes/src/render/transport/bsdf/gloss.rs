@@ -19,7 +19,7 @@ pub struct Interface {
 }
 
 impl Interface {
-    /// The interface of a surface, seen from a direction of its frame.
+    /// The interface of a surface, seen from the direction `out` in the frame of the surface.
     pub fn new(params: &BsdfParams, out: Vec3) -> Self {
         let roughness = Ggx::anisotropic(params.roughness, params.anisotropy).roughness(out);
         let strength = if params.ior > 1.0 { params.specular.0 } else { 0.0 };
@@ -53,7 +53,7 @@ pub struct Gloss {
     pub ggx: Ggx,
     /// Albedos of the facets towards the viewer.
     pub facets: Facets,
-    /// Relative index of the other side.
+    /// Index of refraction of the other side, relative to the side of the viewer.
     pub eta: f32,
     /// Reflectance of the dielectric at normal and grazing incidence, times its share.
     dielectric: [Vec3; 2],
@@ -68,7 +68,7 @@ pub struct Gloss {
 }
 
 impl Gloss {
-    /// The gloss of a surface, seen from a direction of its frame.
+    /// The gloss of a surface, seen from the direction `out` in the frame of the surface.
     pub fn new(params: &BsdfParams, interface: &Interface, out: Vec3) -> Self {
         let ggx = Ggx::anisotropic(params.roughness, params.anisotropy);
         let (m, cosine, eta) = (params.metallic, out.z, dielectric::relative(params));
@@ -143,8 +143,8 @@ impl Gloss {
     }
 }
 
-/// Applies a function with two results to each channel. Returns the colour of first results and the colour of
-/// second results.
+/// Applies a function with two results to each channel. Returns one colour made of the first results and one made
+/// of the second results.
 fn each(v: Vec3, f: impl Fn(f32) -> [f32; 2]) -> [Vec3; 2] {
     let [r, g, b] = v.to_array().map(f);
     [0, 1].map(|k| Vec3::new(r[k], g[k], b[k]))

@@ -63,7 +63,8 @@ impl Sheen {
     }
 }
 
-/// Transmittance of a surface for light that continues in the same direction, at an angle with the given cosine.
+/// Transmittance of a surface for light that continues in the same direction. `cosine` is the cosine of the angle
+/// of incidence.
 pub fn straight(params: &BsdfParams, cosine: f32) -> Vec3 {
     let out = Vec3::new((1.0 - cosine * cosine).max(0.0).sqrt(), 0.0, cosine.max(1e-4));
     let gloss = |params: &BsdfParams| Gloss::new(params, &Interface::new(params, out), out);
@@ -282,8 +283,8 @@ mod tests {
     use super::*;
     use crate::geometry::sampling::{Points, unit};
 
-    /// Evaluating and choosing among absent layers changes no bit of values, densities or sampled directions. This
-    /// test fails if an absent coat has a share of 1e-3.
+    /// Values, densities and sampled directions are the same, bit for bit, whether or not absent layers are
+    /// evaluated. This test fails if an absent coat has a share of 1e-3.
     #[test]
     fn layers_of_no_strength_change_no_bit_where_they_are_evaluated() {
         let upright = Frame::around(Vec3::Z);

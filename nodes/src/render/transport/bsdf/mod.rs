@@ -40,7 +40,8 @@ pub enum Lobe {
 pub struct Scatter {
     /// BSDF value times the cosine of the incident direction.
     pub value: Vec3,
-    /// Density of sampling the incident direction by this class, including the choice of lobe.
+    /// Density with which this class samples the incident direction, including the probability of choosing the
+    /// lobe.
     pub pdf: f32,
 }
 
@@ -62,11 +63,13 @@ pub struct BsdfParams {
     pub transmission: f32,
     /// True if transmission is refracted; otherwise the surface is a thin wall.
     pub thick: bool,
-    /// True if this is the inner side of a thick body.
+    /// True if a thick body is seen from inside, or from the side with the higher index of refraction.
     pub inside: bool,
-    /// True if transmission is left out, because the ray also continues straight on.
+    /// True if transmission is left out. This is the case for rays that pass straight through transmissive
+    /// surfaces.
     pub blocked: bool,
-    /// Share of matte light that leaves on the other side, and its colour (diffuse transmission).
+    /// Diffuse transmission: the share of the matte light that leaves on the other side of the surface, and its
+    /// colour.
     pub through: (f32, Vec3),
     /// Strength of anisotropy; its direction is the tangent of the frame.
     pub anisotropy: f32,
@@ -143,7 +146,7 @@ impl Frame {
         self.0[0] * d.x + self.0[1] * d.y + self.0[2] * d.z
     }
 
-    /// Transforms the direction to a viewer to this frame, and lifts it above the horizon.
+    /// Transforms the direction to a viewer into this frame, and lifts it above the horizon.
     fn viewer(&self, out: Vec3) -> Vec3 {
         let local = self.to(out);
         Vec3::new(local.x, local.y, local.z.max(1e-4)).normalize()

@@ -25,12 +25,13 @@ fn glass(roughness: f32, ior: f32) -> BsdfParams {
     BsdfParams { roughness, ior, transmission: 1.0, thick: true, ..BsdfParams::default() }
 }
 
-/// Share of a uniform white environment that is reflected and transmitted, estimated by the sampler.
+/// Share of the light of a uniform white environment that a surface reflects or transmits towards a viewer,
+/// estimated with the sampler. `cosine` is the cosine between the direction to the viewer and the normal.
 fn furnace(params: &BsdfParams, cosine: f32) -> f64 {
     furnace_from(params, towards(cosine), 2, 16_384)
 }
 
-/// Same as [`furnace`] for any viewer, with the given number of points and scramble.
+/// Same as [`furnace`] for a viewer in the direction `out`, with the given number of points and scramble.
 fn furnace_from(params: &BsdfParams, out: Vec3, scramble: u64, points: u32) -> f64 {
     let bsdf = surface(params, out);
     let weight = |i| {
@@ -223,8 +224,9 @@ fn bodies_bend_light_by_their_index() {
     assert!((straight + out).length() < 1e-3, "a wall bends nothing: {straight}");
 }
 
-/// Extreme parameters give finite values, and no sample has a weight above the albedo of its lobe divided by its
-/// probability. Viewers at grazing angles and behind the surface, which a normal map may cause, are tested too.
+/// Extreme parameters give finite values. The weight of a sample never exceeds the albedo of its lobe divided by
+/// the probability of the lobe. Viewers at grazing angles and behind the surface, which a normal map may cause, are
+/// tested too.
 #[test]
 fn extremes_are_finite() {
     for roughness in [0.0, 1e-4, 1e-2, 1.0] {

@@ -9,8 +9,9 @@ use super::dielectric::{cos_refracted, f0_of_ior as from_index};
 use super::ggx::schlick;
 use crate::math::num::f32::{cos, exp};
 
-/// Fourier transforms of the CIE colour matching functions, in SI units. Each is a Gaussian times a wave, given by
-/// its height, position and width. The fourth is the second maximum of X.
+/// Fourier transforms of the CIE colour matching functions, in SI units. Each colour matching function is
+/// approximated by a Gaussian with the given height, position and variance; X is the sum of the first and the last
+/// one.
 const SENSITIVITY: [[f32; 3]; 4] = [
     [5.4856e-13, 1.6810e6, 4.3278e9],
     [4.4201e-13, 1.7953e6, 9.3046e9],

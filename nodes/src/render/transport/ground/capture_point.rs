@@ -43,8 +43,8 @@ pub(crate) struct CapturePoint {
 pub(crate) enum CaptureFault {
     /// The point lay on or under a surface and was moved up by this distance, in world units.
     Raised(f32),
-    /// No part of the receiver is visible from the point, but a camera sees the receiver with this share of its
-    /// rays.
+    /// No part of the receiver is visible from the point, but this share of the probe rays from a camera hits the
+    /// receiver.
     SeesNothing(f64),
     /// This share of the visible surfaces are back faces, while a camera sees front faces.
     SeesBacks(f64),

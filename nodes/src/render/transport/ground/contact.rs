@@ -176,8 +176,8 @@ mod tests {
         assert_eq!(measured(&ground(|i, _| noise(i)), 0.8).1, None, "nothing under it");
     }
 
-    /// With a box on a smooth floor and one on a rough rug next to it, only hits nearer to the box on the rug are
-    /// moved. This test fails if `smooth` is always false in `measure`.
+    /// With a box on a smooth floor and a second box on a rough rug next to it, only hits that are nearer to the
+    /// second box are moved. This test fails if `smooth` is always false in `measure`.
     #[test]
     fn ground_of_one_object_is_not_that_of_another() {
         let mesh = ground(|i, x| if x > 0.0 { 0.008 + 0.4 * noise(i) } else { 0.0 });

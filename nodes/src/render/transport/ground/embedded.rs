@@ -8,16 +8,17 @@ use crate::render::transport::scene::receiver::Receiver;
 
 /// Number of sample points per object.
 const PLACES: u32 = 256;
-/// Range of the hidden share that is reported. A smaller share is only an edge, and a larger one an object
-/// inside a wall.
+/// Range of hidden shares that are reported. If the share is smaller, only an edge is hidden; if it is larger, the
+/// object is inside a wall.
 const REPORTED: std::ops::Range<f64> = 0.05..0.95;
 
 /// The part of an object that is embedded in the receiver.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Embedded {
-    /// Share of the side facing the first camera that the receiver hides.
+    /// Share of the object's side facing the first camera that the receiver hides from this camera.
     pub(crate) share: f64,
-    /// Maximum depth, measured along the normals of the object, in world units.
+    /// Maximum depth of the object's surface inside the receiver, measured along the normals of the object, in
+    /// world units.
     pub(crate) depth: f32,
 }
 

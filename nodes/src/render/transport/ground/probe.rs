@@ -19,10 +19,10 @@ pub struct Probe {
     pub escaped: u32,
     /// Number of rays that hit a front face.
     pub front: u32,
-    /// Number of rays along which light would arrive in a closed room, under the rule that [`decide`](Self::decide)
-    /// would choose for it.
+    /// Number of rays along which light would arrive if the receiver were a closed room, under the rule that
+    /// [`decide`](Self::decide) chooses for closed rooms.
     pub lit: u32,
-    /// Bounding box of the hits, which is the room in a closed place.
+    /// Bounding box of the hits. In a closed place, this is the box of the room.
     pub room: [[f32; 3]; 2],
 }
 
@@ -81,7 +81,7 @@ impl Probe {
         f64::from(self.front) / f64::from((self.rays - self.escaped).max(1))
     }
 
-    /// Share of the rays along which light would arrive in a closed room.
+    /// Share of the rays along which light would arrive if the receiver were a closed room.
     pub fn lit_share(&self) -> f64 {
         f64::from(self.lit) / f64::from(self.rays.max(1))
     }

@@ -9,14 +9,14 @@ use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::scene::supports::STEEPEST;
 use crate::types::Placed;
 
-/// Number of rays per side of the grid that samples the receiver near a side of an object.
+/// Number of rays along each edge of the grid that samples the receiver near a side of an object.
 const GRID: u32 = 16;
 /// Minimum share of the rays of the grid that must hit ground for an object to stand on it.
 const STANDS: f64 = 0.25;
 /// Minimum share of the rays within a flat side that must hit its support.
 const AGAINST: f64 = 0.5;
-/// Minimum share of the extent of the oriented bounding box that a flat side must span, in both directions. A drum
-/// that lies along a wall spans 0.28.
+/// Minimum share of the extent of the oriented bounding box that a flat side must span along both of its axes. A
+/// drum that lies along a wall spans a share of 0.28.
 const FLAT: f64 = 1.0 / 3.0;
 /// Maximum cosine between the direction of a flat side and straight down; above it the side is the foot.
 const LEVEL: f64 = 0.98;
@@ -43,11 +43,11 @@ pub(crate) struct Side {
     pub(crate) height: f64,
     /// Centre of the side, except for its coordinate along `out`.
     middle: DVec3,
-    /// Half the size of the sampled region along the axes: the side, extended by half of its size.
+    /// Half the size of the sampled region along each axis. The region is 1.5 times as long and wide as the side.
     pub(crate) half: [f64; 2],
-    /// Lower corner of the bounding box of the object.
+    /// Lower corner of the axis-aligned bounding box of the object, in world coordinates.
     pub(crate) low: DVec3,
-    /// Upper corner of the bounding box of the object.
+    /// Upper corner of the axis-aligned bounding box of the object, in world coordinates.
     pub(crate) high: DVec3,
 }
 
@@ -77,7 +77,8 @@ impl Side {
         sides
     }
 
-    /// Side opposite to `out`. `None` if it is not flat.
+    /// Side of an object, given by its points, that faces in the direction opposite to `out`. `None` if the side is
+    /// not flat.
     fn along(points: &[DVec3], out: DVec3, axes: [DVec3; 2]) -> Option<Self> {
         let place = |p: &DVec3| DVec3::new(p.dot(axes[0]), p.dot(axes[1]), p.dot(out));
         let around = |points: &mut dyn Iterator<Item = DVec3>| {
@@ -105,7 +106,7 @@ impl Side {
         })
     }
 
-    /// Half the size of the side, without the extension.
+    /// Half the size of the side itself along each axis; [`Side::half`] is larger.
     pub(crate) fn own(&self) -> [f64; 2] {
         self.half.map(|half| half / 1.5)
     }

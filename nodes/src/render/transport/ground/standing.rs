@@ -14,7 +14,7 @@ use crate::render::transport::scene::objects::Objects;
 use crate::render::transport::scene::receiver::Receiver;
 use crate::types::Placed;
 
-/// Minimum height by which the supporting object must reach farther down than the supported one, in metres.
+/// Minimum height, in metres, by which an object must reach farther down than the object that it supports.
 const LOWER: f64 = 0.005;
 
 /// Supports of the objects, with one entry per object.
@@ -23,7 +23,7 @@ pub(crate) struct Standing {
     pub(crate) ground: Vec<Option<Level>>,
     /// Levels of the surfaces that the flat sides of each object rest on.
     pub(crate) sides: Vec<Vec<Level>>,
-    /// True for each object that stands on another one.
+    /// True for each object that stands on another object.
     pub(crate) carried: Vec<bool>,
     /// Height of each object above its base, in world units.
     pub(crate) tall: Vec<f64>,
@@ -73,7 +73,7 @@ pub(crate) fn find_ground(
     Standing { ground: measured, sides, carried, tall, unsupported, embedded }
 }
 
-/// True for each object that stands on another object with part of its foot, to within the error of a mesh.
+/// True for each object of which at least part of the foot stands on another object, to within the error of a mesh.
 fn carried(
     objects: &Objects,
     placed: &[impl AsRef<Placed>],

@@ -28,7 +28,7 @@ pub struct ChangeSampling<'a> {
     pub drawn: &'a [DrawnDirection],
     /// Probability that a sample estimates the change; see [`estimates_change`].
     pub probability: f32,
-    /// Origin of rays to the objects.
+    /// Point from which the cone of directions to the objects is computed.
     pub start: Vec3,
     /// Bounding box of the objects.
     pub objects: [Vec3; 2],
@@ -38,7 +38,7 @@ pub struct ChangeSampling<'a> {
     pub lift: Vec3,
 }
 
-/// True if a sample estimates the change, which it does with the given probability.
+/// Decides at random whether a sample estimates the change. Returns true with the given probability.
 pub fn estimates_change(points: &Points, probability: f32) -> bool {
     probability >= 1.0 || unit(points.bits(TOWARDS + 2)[0]) < probability
 }
@@ -134,8 +134,8 @@ impl<'a> Integrator<'a> {
         light
     }
 
-    /// Estimates the change by whole paths with and without the objects, which share their random numbers.
-    /// Used under near light, where objects also block the light of receiver points.
+    /// Estimates the change from two whole paths, one with and one without the objects, that share their random
+    /// numbers. Used under near light, where objects also block the light that receiver points emit.
     fn paired_estimate(&mut self, hit: Hit, ray: Ray, sampling: &ChangeSampling<'_>) -> Vec3 {
         let lamps = !self.scene.objects.emitters.is_empty();
         let towards = if lamps { towards(sampling) } else { Towards::NOWHERE };
@@ -161,7 +161,8 @@ impl<'a> Integrator<'a> {
         }
     }
 
-    /// Light along a ray towards the objects. `onwards` continues the path.
+    /// Light that arrives along a ray sampled towards the objects. `onwards` computes the light of the rest of the
+    /// path, which starts at the hit on an object.
     pub(crate) fn sent(
         &mut self,
         at: &ShadingPoint,
@@ -213,9 +214,9 @@ impl<'a> Integrator<'a> {
         (Vec3::ONE - straight) * scatter.value * light.radiance / light.pdf
     }
 
-    /// Radiance along a scattered ray with objects, minus the radiance without objects, if the ray hits an object.
-    /// Otherwise 0, and the receiver hit of the ray; if `only` is true, this hit may be left out. The tuple is the
-    /// throughput, its share (see [`PathState::share`]) and the density of the ray.
+    /// Radiance along a scattered ray with objects, minus the radiance without objects. If no object affects the
+    /// ray, returns 0 and the ray's hit on the receiver; if `only` is true, this hit may be missing. The tuple
+    /// argument contains the throughput, its share (see [`PathState::share`]) and the density of the ray.
     fn difference(
         &mut self,
         at: &ShadingPoint,
@@ -289,7 +290,7 @@ pub fn rays_towards(scene: &Scene<'_>) -> f32 {
     RAYS * (1.0 + own / sky) as f32
 }
 
-/// Random numbers of rays towards the objects after some bounces.
+/// Random numbers for rays towards the objects from the vertex after `bounce` scatterings.
 fn branch(points: Points, bounce: u32) -> Points {
     if bounce == 0 { points } else { points.branch(TOWARDS + bounce) }
 }

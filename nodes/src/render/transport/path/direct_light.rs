@@ -14,12 +14,14 @@ use crate::render::transport::sky::cone::Towards;
 use crate::render::transport::sky::environment::{Distributions, DrawnDirection, LightSample, TIERS};
 use crate::render::transport::sky::light_draws::wanted;
 
-/// First dimension pair of the emitter samples of all vertices. The two pairs of a vertex choose an emitter and a
-/// position on it.
+/// Index of the first pair of sample dimensions that are reserved for emitter samples. Each vertex of a path uses
+/// two pairs, from `LAMPS + 2 * bounce`: one to choose an emitter, and one to choose a position on it.
 const LAMPS: u32 = 1 << 16;
-/// First dimension pair for the attenuation of near light by objects, for all vertices.
+/// Offset from the pair of sample dimensions of a light sample or scattered ray to the pair that chooses the
+/// virtual light in `dimming`.
 const DIMMING: u32 = 3 << 17;
-/// First dimension pair for positions within a piece of the sky, for all vertices.
+/// Offset from the pair of sample dimensions of a light sample or scattered ray to the pair that chooses a
+/// direction within the virtual light's piece of the sky in `dimming`.
 const DIMMING_PIECE: u32 = 7 << 16;
 /// Maximum number of light samples per vertex.
 const MANY: usize = 5;
@@ -126,8 +128,8 @@ impl<'a> Integrator<'a> {
         lit
     }
 
-    /// Light of an emitter sample at a vertex, weighted against scattered rays and rays `towards` the objects. The
-    /// receiver blocks it like any solid surface.
+    /// Light of an emitter sample at a vertex, with MIS weights against scattered rays and against rays `towards`
+    /// the objects. The receiver blocks this light like any solid surface.
     pub(crate) fn sample_emitters(&mut self, at: &ShadingPoint, towards: &Towards) -> Vec3 {
         let (objects, surface) = (self.scene.objects, &at.surface);
         if !self.pass.lamps || !self.pass.objects || objects.emitters.is_empty() {
@@ -206,9 +208,9 @@ impl<'a> Integrator<'a> {
         found
     }
 
-    /// Share of the near light of a receiver point that remains with the objects in place. The panorama shows the
-    /// point without objects, but with them a part of the light that falls on the point is blocked. For each
-    /// channel, the share is estimated from one virtual light, chosen in proportion to its contribution.
+    /// Share, per channel, of the near light of a receiver point that remains when the objects are in place. The
+    /// panorama shows the point without objects, but the objects block a part of the light that falls on the point.
+    /// For each channel, the share is estimated from one virtual light, chosen in proportion to its contribution.
     pub(crate) fn dimming(
         &mut self,
         near: &NearFieldLight<'_>,

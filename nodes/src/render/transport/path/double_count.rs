@@ -13,8 +13,8 @@ use crate::render::transport::scene::objects::Objects;
 use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::sky::environment::EnvironmentLight;
 
-/// Light that reflection by the receiver adds at the surface points that are visible from `from`, divided by the
-/// light there without reflection.
+/// Ratio of the light that reflection by the receiver adds to the light without this reflection. Both are summed
+/// over the surface points that are visible from `from`.
 pub(crate) fn counted_twice(
     receiver: &Receiver,
     sky: &EnvironmentLight,

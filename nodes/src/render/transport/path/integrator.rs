@@ -19,8 +19,7 @@ use crate::render::transport::sky::environment::{Distributions, DrawnDirection, 
 /// Growth of the footprint per unit of length for rays from matte surfaces. There are many of these rays, so
 /// their result is blurred anyway.
 pub(crate) const BLUR: f32 = 0.05;
-/// Number of the first vertex of a path at which Russian roulette applies. The first vertex of the path has the
-/// number 1.
+/// Number of the vertex of a path from which Russian roulette applies. Vertices are numbered from 1.
 const ROULETTE_FROM: u32 = 3;
 
 /// Scene that all rays share.
@@ -115,7 +114,7 @@ impl<'a> Integrator<'a> {
         Self { scene, key, pass: Pass { objects, ..pass }, tally: Tally::default() }
     }
 
-    /// Returns the result of `trace` with another pass, and adds its counts to the tally.
+    /// Runs `trace` with other settings and returns its result. The tally includes the rays that it casts.
     pub(crate) fn with<T>(&mut self, pass: Pass<'a>, trace: impl FnOnce(&mut Self) -> T) -> T {
         let mut sub = Self { scene: self.scene, key: self.key, pass, tally: self.tally };
         let result = trace(&mut sub);
@@ -235,8 +234,8 @@ impl<'a> Integrator<'a> {
         }
     }
 
-    /// Throughput after Russian roulette. `None` if the path ends. [`PathState::share`] is excluded from the
-    /// survival probability.
+    /// Throughput after Russian roulette. `None` if the path ends. The factor `share` of the throughput (see
+    /// [`PathState::share`]) has no effect on the survival probability.
     pub(crate) fn russian_roulette(&self, bounce: u32, throughput: Vec3, share: f32) -> Option<Vec3> {
         if bounce + 1 < ROULETTE_FROM {
             return Some(throughput);

@@ -1,4 +1,4 @@
-//! Light that objects add to a receiver under near light, or to one that lets environment light pass.
+//! Light that objects add to a receiver that emits near light, or that lets environment light pass.
 //!
 //! In both cases a path ends at its first hit of the receiver, since the panorama shows the place with all of
 //! its interreflections. The panorama does not show the light that objects add. Light of their emitters is
@@ -43,9 +43,9 @@ impl Integrator<'_> {
         self.lamp_radiance(Vertex::Receiver(hit), state, true)
     }
 
-    /// Light that objects scatter to the receiver hit of a ray under near light, without the light that they emit.
-    /// The panorama shows which share of its incident light the point reflects, and the same share of this light is
-    /// reflected. It does not depend on the albedo of the mesh.
+    /// Light that objects scatter to the receiver hit of a ray under near light, reflected along the ray. Light
+    /// that the objects emit is not included. The reflectance of the point is estimated from the radiance that the
+    /// panorama shows there; the albedo of the mesh is not used.
     pub(crate) fn objects_beyond(
         &mut self,
         landed: Option<Hit>,

@@ -2,10 +2,10 @@
 //! point's light that objects block.
 //!
 //! A receiver point under near light has the radiance that the panorama shows, captured without the objects.
-//! The share of this radiance that the objects block is the blocked share of its irradiance, and the light
-//! that they add is in proportion to its irradiance too. For both, the incoming light must be known in parts:
-//! each virtual light represents a piece of the receiver around it, or of the sky, by its radiance, area and
-//! normal (Keller 1997, virtual point lights).
+//! The objects block the same share of this radiance as of the irradiance at the point. Light that the objects add
+//! is reflected in the ratio of the radiance to the irradiance. Both computations need the incoming light in parts:
+//! each virtual light represents a piece of the receiver around it, or of the sky, by its radiance, area and normal
+//! (Keller 1997, virtual point lights).
 
 use std::f32::consts::TAU;
 use std::f64::consts::PI;
@@ -24,7 +24,8 @@ use crate::render::transport::sky::environment::EnvironmentLight;
 const POINTS: usize = 1024;
 /// Number of lights in a block. Each choice weighs the lights of one block, and every block covers all directions.
 const BLOCK: usize = 32;
-/// One light in this many has a uniform direction, since surfaces that are dark but near contribute too.
+/// One light out of this number has a uniformly distributed direction, since surfaces that are dark but near
+/// contribute too.
 const SPREAD: u32 = 4;
 
 /// A virtual light.
@@ -84,8 +85,8 @@ impl LightPoints {
 
     /// Chooses a light for each channel from one block of lights, in proportion to its contribution to a point. For
     /// a piece of the sky, the direction is random within the piece. One random number serves all channels, so that
-    /// they usually choose the same light. Occlusion by the receiver is ignored. `None` if no light of a channel
-    /// comes from the side of the normal.
+    /// they usually choose the same light. Occlusion by the receiver is ignored. An entry is `None` if the block
+    /// has no light of this channel on the side of the normal.
     pub fn choose(
         &self,
         place: Vec3,

@@ -19,12 +19,12 @@ use crate::math::color::luminance;
 use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::sky::environment::{EnvironmentLight, LightSample};
 
-/// Relative distance below which two surfaces count as one. A captured mesh is not more accurate, and either
-/// surface may be in front where a lamp lies on its wall.
+/// Relative distance below which two surfaces count as one. A captured mesh is not more accurate than this: where a
+/// lamp lies on a wall, either surface may be in front.
 const SAME: f32 = 0.01;
-/// Relative depth behind the first surface up to which a point still counts as visible from the point of capture,
-/// because a captured mesh can cover parts of itself. Not used for points that are as bright as lamps, which light
-/// samples would not find.
+/// Maximum depth of a point behind the first surface, relative to its distance, at which it still counts as visible
+/// from the point of capture. A captured mesh can cover parts of itself. Not used for points that are as bright as
+/// lamps, because light samples would not find them.
 const NEARLY: f32 = 0.05;
 
 /// Near light: the receiver emits the light of the panorama.
@@ -100,16 +100,16 @@ impl<'a> NearFieldLight<'a> {
         Ray { t_max: distance * (1.0 - SAME), ..ray }
     }
 
-    /// True if the receiver does not block a ray that ends just before its light.
+    /// True if the receiver does not block the ray. The ray must end just before the light at `place`.
     pub fn reaches(&self, ray: Ray, place: Option<&EmissivePoint>) -> bool {
         let own = place.map(|p| p.triangle);
         !self.receiver.bvh.any(ray, |hit| Some(hit.triangle) != own)
     }
 
-    /// Light along a ray that hits the receiver at `hit`, or misses it, and the density of [`sample`](Self::sample)
-    /// for the origin of the ray. `None` if the hit is not visible from the point of capture. `glossy_pdf` is the
-    /// density of the ray if a glossy lobe scattered it, otherwise 0; see [`EnvironmentLight::seen`]. Traces one
-    /// ray.
+    /// Light along a ray that hits the receiver at `hit`, or misses the receiver if `hit` is `None`. The density of
+    /// the result is that with which [`sample`](Self::sample) chooses this light for the origin of the ray. `None`
+    /// if the hit is not visible from the point of capture. `glossy_pdf` is the density of the ray if a glossy lobe
+    /// scattered it, otherwise 0; see [`EnvironmentLight::seen`]. Traces one ray.
     pub fn eval(
         &self,
         ray: Ray,

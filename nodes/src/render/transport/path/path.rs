@@ -7,10 +7,12 @@ use crate::geometry::sampling::hash;
 use crate::render::transport::scene::media::Media;
 use crate::render::transport::scene::surface::Surface;
 
-/// Number of dimension pairs per vertex: light, direction, choice of lobe, survival.
+/// Number of pairs of sample dimensions per vertex: one each for light samples, the scattered direction, the choice
+/// of lobe, and Russian roulette.
 const PAIRS: u32 = 4;
 
-/// First dimension pair of the vertex after some bounces. The pairs before belong to the camera.
+/// Index of the first pair of sample dimensions of the vertex after `bounce` scatterings. Pair 0 belongs to the
+/// camera ray.
 pub(crate) const fn first_pair(bounce: u32) -> u32 {
     1 + bounce * PAIRS
 }
@@ -22,8 +24,8 @@ pub enum Vertex {
     Receiver(Hit),
     /// A vertex on an object, hit by a camera ray or a specular ray.
     Object(Hit),
-    /// A vertex on an object, hit by a ray from a matte surface, which continues straight through
-    /// transmissive surfaces.
+    /// A vertex on an object, hit by a ray from a matte surface. Such a ray continues straight through transmissive
+    /// surfaces.
     Straight(Hit),
 }
 
@@ -53,8 +55,8 @@ pub(crate) struct PathState {
     pub bounce: u32,
     /// Throughput (beta).
     pub throughput: Vec3,
-    /// Factor of the throughput that is due to MIS weights against other rays. It must not end the path in
-    /// Russian roulette.
+    /// Factor of the throughput that is due to MIS weights against other rays. Russian roulette ignores this
+    /// factor, so that it never ends a path.
     pub share: f32,
     /// MIS weight of the emission at the vertex against light samples of the previous vertex.
     pub mis_weight: f32,
@@ -73,27 +75,27 @@ pub(crate) struct Path {
     pub width: f32,
     /// Footprint growth per unit of length.
     pub spread: f32,
-    /// True if the vertex coincides with the previous one.
+    /// True if the vertex coincides with the previous vertex.
     pub touches: bool,
     /// Radiance of the path so far.
     pub light: Vec3,
 }
 
-/// A vertex with its surface, for light gathering.
+/// A vertex and its surface, at which light is gathered.
 #[derive(Debug)]
 pub(crate) struct ShadingPoint {
     /// The surface.
     pub surface: Surface,
     /// Number of scatterings before the vertex.
     pub bounce: u32,
-    /// First dimension pair of the vertex.
+    /// Index of the first pair of sample dimensions of the vertex.
     pub pair: u32,
     /// Hash key of random decisions.
     pub key: u32,
 }
 
 impl ShadingPoint {
-    /// Makes a shading point of a surface after some bounces of the path with key `path`.
+    /// Makes a shading point of a surface that the path with hash key `path` hits after `bounce` scatterings.
     pub fn new(surface: Surface, bounce: u32, path: u32) -> Self {
         let pair = first_pair(bounce);
         Self { surface, bounce, pair, key: hash(path, pair) }

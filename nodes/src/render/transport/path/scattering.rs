@@ -20,13 +20,15 @@ pub(crate) struct Scattered {
     pdf: f32,
     /// Weight of the light along the ray: BSDF over density, times transmittance.
     weight: Vec3,
-    /// Object that the ray hit, unless the receiver shows environment light in front of it.
+    /// Hit of the ray on an object. `None` if there is no hit, or if it lies behind a receiver that lets
+    /// environment light pass.
     object: Option<Vertex>,
     /// Hit on the receiver before any object. `None` if nothing was hit, or if the receiver was not tested.
     landed: Option<Hit>,
     /// Media at the end of the ray.
     media: Media,
-    /// True if the object coincides with the vertex.
+    /// True if `object` is a hit on another primitive whose surface coincides with the surface at which the ray was
+    /// scattered, such as the table on which a glass stands.
     touches: bool,
 }
 

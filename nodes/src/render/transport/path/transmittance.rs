@@ -25,7 +25,7 @@ impl Integrator<'_> {
         self.scene.objects.clear && lobe == Lobe::Diffuse
     }
 
-    /// Nearest object along a ray of a lobe.
+    /// Nearest hit on an object along a ray that was scattered by `lobe`.
     pub(crate) fn object(&mut self, ray: Ray, key: u32, lobe: Lobe) -> Option<Vertex> {
         if !self.pass.objects {
             return None;
@@ -38,7 +38,8 @@ impl Integrator<'_> {
         objects.bvh.closest(ray, |hit| objects.accepts(hit, key, false)).map(Vertex::Object)
     }
 
-    /// Transmittance of a ray of a lobe up to its end, which is a vertex or at infinity, and the media at the end.
+    /// Transmittance of objects and media along a ray that was scattered by `lobe`, and the media at the end of the
+    /// ray. The end is the vertex `end`, or the maximum distance of the ray if `end` is `None`.
     pub(crate) fn along(
         &mut self,
         mut ray: Ray,
@@ -60,8 +61,8 @@ impl Integrator<'_> {
         (weight, media)
     }
 
-    /// Transmittance of the objects along a ray that starts in `media`, per class of lobes. `except` is a
-    /// triangle to ignore: the emitter at the end.
+    /// Transmittance of the objects along a ray that starts in `media`, per class of lobes. `except` is a triangle
+    /// to ignore, such as the emitter at the end of the ray.
     pub(crate) fn object_transmittance(
         &mut self,
         ray: Ray,
@@ -103,7 +104,7 @@ impl Integrator<'_> {
 
     /// Distance along a ray at which environment light starts if the receiver lets it pass. It is the distance of
     /// the receiver: the panorama shows the receiver there, so objects behind it block none of the light. Receiver
-    /// surfaces within the error of the mesh are ignored.
+    /// surfaces are ignored if their distance from the origin of the ray is within the error of the mesh.
     fn start_of_light(&mut self, ray: Ray) -> f32 {
         self.tally.rays.shadow += 1;
         let Scene { receiver, objects, .. } = self.scene;

@@ -27,7 +27,7 @@ pub struct Rules {
 }
 
 impl Rules {
-    /// Contribution of the vertex after `bounce` scatterings, scaled down to the limit.
+    /// Contribution `light` of the vertex after `bounce` scatterings, scaled down if it exceeds the limit.
     #[inline]
     pub fn clamped(&self, bounce: u32, light: Vec3) -> Vec3 {
         let largest = light.max_element();
@@ -44,7 +44,7 @@ pub struct Visibility {
     /// since light would be lost otherwise (see `docs/light-transport.md`). Only the visibility printed in the
     /// paper uses two different rules.
     pub shadow: Block,
-    /// True if the path of a scattered ray continues from the receiver.
+    /// True if a scattered ray that hits the receiver continues the path from there.
     pub lands: bool,
 }
 

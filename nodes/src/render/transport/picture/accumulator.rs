@@ -10,7 +10,7 @@ use crate::math::color::luminance;
 use crate::render::transport::path::rays::Rays;
 use crate::types::{Camera, Cell, Data, Image, Linear};
 
-/// Indices of the sums of squares, which the parts store as roots.
+/// Indices of the sums of squares among the sums of a pixel. The parts store their square roots.
 const SQUARES: [usize; 3] = [3, R0 + 3, R0 + 8];
 
 /// Result of sampling to a target error.
@@ -189,9 +189,9 @@ impl Accumulator {
 
     /// Variances of the ratio S and of the luminance of O, estimated from the spread between chunks. For S, `(y1 -
     /// S y0)^2 / n` is summed over the chunks, where n is the number of samples of a chunk and y1 and y0 are its
-    /// sums. The result is the sum per degree of freedom, times the total number of samples, over the square of the
-    /// total y0. These variances include the benefit of stratification, but with few chunks only the mean over many
-    /// pixels is useful.
+    /// sums. The result is this sum per degree of freedom, times the total number of samples, divided by the square
+    /// of the total y0. These variances include the benefit of stratification, but with few chunks only the mean
+    /// over many pixels is useful.
     pub(crate) fn variances_between_chunks(&self, index: usize, chunks: usize) -> [f64; 2] {
         let (sums, n) = self.pixel(index);
         let of = |k: usize| f64::from(luminance([0, 1, 2].map(|c| sums[k + c] as f32)));

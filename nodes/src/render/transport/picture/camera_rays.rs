@@ -42,7 +42,7 @@ pub(crate) struct CameraRays<'a> {
     pub(crate) spread: f32,
     pub(crate) seed: u64,
     pub(crate) ground: &'a Ground,
-    /// Side of the pixel blocks of which only one pixel is traced.
+    /// Side, in pixels, of the blocks of which only one pixel is traced.
     coarse_px: u32,
     /// Silhouette of the objects, computed on first use.
     silhouette: OnceLock<Silhouette>,
@@ -71,7 +71,8 @@ impl<'a> CameraRays<'a> {
         }
     }
 
-    /// Pixel that represents a block: its centre, or the last one within the image.
+    /// Pixel that represents a block: the pixel at the centre of the block, or, if this is outside the image, the
+    /// nearest pixel of the image.
     pub(crate) fn pixel(&self, (x, y): (u32, u32)) -> (u32, u32) {
         let middle = |block: u32, size: u32| (block * self.coarse_px + self.coarse_px / 2).min(size - 1);
         (middle(x, self.camera.width_px), middle(y, self.camera.height_px))
@@ -85,8 +86,8 @@ impl<'a> CameraRays<'a> {
         Ray::new(self.eye, direction.normalize().as_vec3())
     }
 
-    /// True if a ray through the pixel of a block may hit any object that the camera sees. All calls must
-    /// pass the same objects.
+    /// True if objects are visible to the camera and a ray through the pixel that represents a block may hit one of
+    /// them. All calls must pass the same objects.
     #[inline]
     pub(crate) fn may_show(&self, objects: &Objects, block: (u32, u32)) -> bool {
         let whole = || Silhouette::of(objects, self.camera, self.eye, self.axes);

@@ -31,9 +31,9 @@ use crate::render::transport::sky::cone::Cone;
 /// Cropping rule of a scene.
 #[derive(Debug)]
 pub struct Crop {
-    /// Largest relative change of light that is cropped.
+    /// Maximum relative change of light at which a tile is cropped.
     limit: f64,
-    /// Maximum radiance of any surface.
+    /// Maximum radiance of any surface, per channel.
     surfaces: [f64; 3],
     /// True if scattered rays hit the receiver.
     lands: bool,
@@ -89,8 +89,8 @@ impl Crop {
         Ok(Self { limit, surfaces, lands, objects: objects.into(), near: None })
     }
 
-    /// Upper bound of the relative change of light of any pixel of a tile, whose points may be moved by
-    /// `lifted`. `None` if it may exceed the limit.
+    /// Upper bound of the relative change of light of any pixel of a tile whose points may be moved by up to
+    /// `lifted`. `None` if the change may exceed the limit.
     pub fn bound(&self, scene: &Scene<'_>, tile: &TileBounds, lifted: f32) -> Option<f64> {
         if tile.is_empty() {
             return Some(0.0);
@@ -176,8 +176,9 @@ impl Crop {
         (!fails).then_some(sum)
     }
 
-    /// Upper bound of the sky irradiance that objects may block, per channel: the lesser of the
-    /// cosine-weighted sum over all texels that overlap the window, and the brightest of them times `solid`.
+    /// Upper bound of the sky irradiance that objects may block, per channel. It is the smaller of two values: the
+    /// cosine-weighted sum of the light of all texels that overlap the window, and the radiance of the brightest of
+    /// these texels times `solid`.
     fn hidden_light(&self, scene: &Scene<'_>, tile: &TileBounds, window: &Window, solid: f64) -> [f64; 3] {
         let cone = Cone::between([tile.low, tile.high], self.objects);
         let (mut sum, mut brightest) = ([0.0; 3], [0.0_f64; 3]);
@@ -194,7 +195,7 @@ impl Crop {
     }
 }
 
-/// True if the receiver may be visible from any point of a tile.
+/// True if the receiver may be visible from at least one point of a tile.
 fn sees(receiver: &Receiver, tile: &TileBounds) -> bool {
     let (mut found, mut left) = (false, LOOKS);
     receiver.bvh.visit(|corners| {

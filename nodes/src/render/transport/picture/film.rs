@@ -45,7 +45,7 @@ impl Area {
         Self { left: 0, top: 0, width: camera.width_px, height: camera.height_px }
     }
 
-    /// Area in blocks of `side` by `side` pixels.
+    /// The same area with its size in blocks of `side` by `side` pixels instead of pixels.
     pub fn in_blocks(self, side: u32) -> Self {
         Self { width: self.width.div_ceil(side), height: self.height.div_ceil(side), ..self }
     }
@@ -55,7 +55,7 @@ impl Area {
         self.width as usize * self.height as usize
     }
 
-    /// Index of a pixel of the image in the area, row by row.
+    /// Index within the area, row by row, of the pixel at the given image coordinates.
     pub fn index(&self, (x, y): (u32, u32)) -> usize {
         (y - self.top) as usize * self.width as usize + (x - self.left) as usize
     }
@@ -72,12 +72,13 @@ impl Area {
         steps(self.height).flat_map(|y| steps(self.width).map(move |x| piece(x, y))).collect()
     }
 
-    /// True if BVH steps are counted for this tile: one tile in 16, in each row and column.
+    /// True if BVH steps are counted for this tile. This is the case for one tile in 16 of each row and column of
+    /// tiles.
     fn is_followed(&self) -> bool {
         (self.left / TILE + 5 * (self.top / TILE)).is_multiple_of(16)
     }
 
-    /// Pixels of the area in the image, row by row.
+    /// Image coordinates of the pixels of the area, row by row.
     pub fn each(&self) -> impl Iterator<Item = (u32, u32)> + use<> {
         let Self { left, top, width, height } = *self;
         (top..top + height).flat_map(move |y| (left..left + width).map(move |x| (x, y)))
@@ -149,8 +150,8 @@ impl TileSums {
 }
 
 impl Sums {
-    /// Runs `tile` for every tile of an area, with its number and pixels, and combines the results. Counts
-    /// rays, and BVH steps for one tile in 16.
+    /// Runs `tile` for every tile of an area, with the index and the pixels of the tile, and combines the results.
+    /// Counts rays, and BVH steps for one tile in 16.
     pub fn trace(
         cx: &Context,
         area: Area,
@@ -251,8 +252,8 @@ impl Artifact for Sums {
 /// Number of samples of the first chunk.
 pub const FIRST: u32 = 4;
 
-/// Ranges of samples that parts consist of. They begin at 0, 4, 16, 64 and every further 64, independent of
-/// the number of samples, so more samples only add parts.
+/// Ranges of samples that parts consist of. They begin at 0, 4, 16 and every multiple of 64, regardless of
+/// `samples`, so a larger number of samples only adds parts.
 pub fn chunks(samples: u32) -> Vec<(u32, u32)> {
     let mut out = Vec::new();
     let mut start = 0;

@@ -63,7 +63,7 @@ pub(crate) fn trace_first_hit(
     tile
 }
 
-/// True if an object is in front of the receiver.
+/// True if the object hit `hit` of a camera ray is in front of the receiver hit `landed`.
 pub(crate) fn is_before(
     scene: &Scene<'_>,
     camera_rays: &CameraRays<'_>,

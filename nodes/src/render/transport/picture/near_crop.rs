@@ -28,8 +28,7 @@ use crate::render::transport::sky::environment::EnvironmentLight;
 
 /// Cosine of the angle of cones that are not subdivided further.
 const NARROW: f32 = 0.9;
-/// Maximum part of the sky that is searched for the directions in which the receiver is visible, in passes over the
-/// whole sky.
+/// Maximum effort of the search for the directions in which the receiver is visible, in passes over the whole sky.
 const PASSES: f64 = 8.0;
 
 /// Bounds of radiance, per channel.
@@ -37,13 +36,14 @@ const PASSES: f64 = 8.0;
 pub(crate) struct NearBounds {
     /// Upper bound of the radiance of any surface, with or without the objects.
     pub(crate) surfaces: [f64; 3],
-    /// Upper bound of the change of the radiance of any receiver point. `None` if objects may be anywhere
-    /// around it.
+    /// Upper bound of the change of the radiance of any receiver point. `None` if objects may lie in any direction
+    /// from the point.
     pub(crate) change: Option<[f64; 3]>,
 }
 
 impl NearBounds {
-    /// Computes the bounds for a scene. `albedo` is the largest albedo if all surfaces are matte.
+    /// Computes the bounds for a scene. `albedo` is the largest albedo of any surface, or `None` if not all
+    /// surfaces are matte.
     pub(crate) fn new(scene: &Scene<'_>, albedo: Option<[f64; 3]>, eye: Vec3) -> Self {
         let (brightest, irradiance) = scene.sky.bounds();
         let shown = shown_on(scene.receiver, scene.sky, eye, brightest);
@@ -79,8 +79,8 @@ impl NearBounds {
 pub(crate) struct Apart {
     /// Cone that contains the directions to the objects from all points of the receiver.
     cone: Cone,
-    /// Squared sine of the angle at which the nearest point of the receiver sees the bounding sphere of the
-    /// objects.
+    /// Squared sine of the angular radius of the bounding sphere of the objects, as seen from the nearest point of
+    /// the receiver's bounding box.
     square: f64,
 }
 
@@ -96,8 +96,8 @@ pub(crate) fn apart(scene: &Scene<'_>) -> Option<Apart> {
     (cone.cosine > 0.0 && square < 1.0).then_some(Apart { cone, square })
 }
 
-/// Maximum radiance of the sky in the directions in which the receiver may be visible from `eye`. If the search
-/// would take too long, `brightest`, the maximum over all directions.
+/// Maximum radiance of the sky in the directions in which the receiver may be visible from `eye`. Returns
+/// `brightest`, the maximum over all directions, if the search would take too long.
 fn shown_on(receiver: &Receiver, sky: &EnvironmentLight, eye: Vec3, brightest: [f64; 3]) -> [f64; 3] {
     let (mut most, mut left, mut passes) = ([0.0; 3], LOOKS, 0.0);
     receiver.bvh.visit(|corners| {

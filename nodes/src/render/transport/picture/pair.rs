@@ -85,8 +85,8 @@ pub(crate) fn trace_r0(
 }
 
 /// Traces the receiver with the objects, and the objects themselves, over some pixels. `r0` contains the sums of
-/// the same samples without objects, over an area that contains the pixels. Only the change is traced and added to
-/// `r0`. Where `crop` bounds the change, nothing is added.
+/// the same samples without objects, over an area that contains the pixels. Only the change is traced, and added to
+/// the sums of `r0`. If `crop` finds that the change is small enough to be left out, it is not traced.
 pub(crate) fn trace_pair(
     scene: Scene<'_>,
     camera_rays: &CameraRays<'_>,

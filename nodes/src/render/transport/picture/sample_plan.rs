@@ -19,8 +19,8 @@ const BLOCK: u32 = 4;
 const DARK: f64 = 1e-3;
 /// Largest assumed reduction of variance by stratification.
 const GAIN: f64 = 16.0;
-/// Minimum ratio, in standard errors, that is reliable. A ratio below it may be due to a single outlier path, so
-/// its error must not be measured relative to the ratio.
+/// Multiple of its standard error that a ratio must exceed to be reliable. A smaller ratio may be due to a single
+/// outlier path, so its error must not be measured relative to the ratio.
 const SURE: f64 = 2.0;
 /// Number of degrees of freedom given to the variance of independent samples when it is mixed with the
 /// variance between chunks, which is unreliable for few chunks and few pixels.
@@ -49,10 +49,10 @@ impl ErrorGoal {
         }
     }
 
-    /// Standard error of the worst tile of an area after a number of chunks. The error of a tile is a root mean
-    /// square over its pixels with error. It is the larger of two errors: the error of the ratio S = R1 / R0,
-    /// weighted by the share of the pixel that objects do not cover, and the error of the objects relative to their
-    /// mean light.
+    /// Standard error of the worst tile of an area after a number of chunks. The error of a tile is the larger of
+    /// two errors: the error of the ratio S = R1 / R0, weighted by the share of the pixel that objects do not
+    /// cover, and the error of the objects relative to their mean light. Each of the two is the root mean square
+    /// over the pixels of the tile whose error is not 0.
     ///
     /// S can be very large where objects light dark ground. If it exceeds 1, its error is divided by a lower
     /// confidence bound of S in the pixel or its tile, so that the error of a highlight is relative to the

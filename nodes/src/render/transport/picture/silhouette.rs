@@ -72,8 +72,8 @@ impl Silhouette {
         self.held[y as usize * self.size[0] + x as usize]
     }
 
-    /// Adds the pixels of a triangle or a box, given by its corners in the image. Returns true for a box that must
-    /// be opened instead.
+    /// Adds the pixels of a triangle or a box, given by its corners in the image. A box larger than a pixel is not
+    /// added; for such a box the result is true if its children must be examined.
     fn look(&mut self, corners: &[DVec2], is_box: bool) -> bool {
         let Some(pixels) = self.around(corners) else { return false };
         if self.is_known(pixels) {
@@ -167,8 +167,9 @@ mod tests {
         Objects::new(None, &[Arc::new(placed)], DVec3::ZERO).expect("consistent")
     }
 
-    /// Every pixel with a ray that hits a triangle is included, and few others if the camera is outside. The
-    /// cameras are outside and inside a set of triangles, some of which are next to or behind the eye.
+    /// Every pixel with a ray that hits a triangle is included. If the camera is outside the set of triangles, few
+    /// other pixels are included. The cameras are outside and inside the set, and some triangles are next to or
+    /// behind the camera.
     #[test]
     fn what_a_ray_meets_is_held() {
         let ground = Ground::default();

@@ -14,8 +14,8 @@ use crate::render::transport::sky::light_distribution::LightDistribution;
 /// Cosine of the angle of the widest cone of normals for which one distribution is used.
 const ALIKE: f32 = 0.99;
 
-/// Number of light samples that a sample takes for the change where objects can block all light, before it is
-/// limited. Where they can block less light, the number is smaller in proportion.
+/// Number of light samples that each sample takes to estimate the change where objects can block all light. Where
+/// they can block only a part of the light, the number is smaller in proportion. It is limited afterwards.
 const SAMPLES_WHERE_ALL_IS_HIDDEN: f64 = 40.0;
 /// Minimum probability that a sample estimates the change.
 const LEAST_PROBABILITY: f32 = 0.5;

@@ -18,7 +18,7 @@ pub struct TileBounds {
     pub normals: Cone,
     /// Minimum height of the points along the axis of the normals.
     pub height: f32,
-    /// Minimum of light divided by albedo over the pixels, per channel.
+    /// Minimum over the pixels, per channel, of the light divided by the albedo.
     pub least: Vec3,
 }
 

@@ -54,9 +54,9 @@ pub(crate) struct Settings {
     pub(crate) most: u32,
     /// Target standard error, if any.
     pub(crate) max_error: Option<f64>,
-    /// Side of the pixel blocks of which only one pixel is traced.
+    /// Side, in pixels, of the blocks of which only one pixel is traced.
     pub(crate) coarse_px: u32,
-    /// Largest relative change of light that is cropped. 0 crops nothing.
+    /// Maximum relative change of light at which a tile is cropped. 0 crops nothing.
     pub(crate) crop: f64,
     /// Error of the receiver where objects stand, in metres, if known.
     pub(crate) contact_metres: Option<f64>,
@@ -151,7 +151,7 @@ impl<'a> Tracing<'a> {
         }
     }
 
-    /// Adds samples of an area of an image.
+    /// Adds a range of samples of an area to `accumulator`. The samples are traced, or read from stored parts.
     fn add(
         &self,
         camera_rays: &CameraRays<'_>,

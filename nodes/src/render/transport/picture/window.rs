@@ -8,8 +8,9 @@ use glam::{DVec3, Vec3};
 use super::tile_bounds::TileBounds;
 use crate::render::transport::sky::cone::Cone;
 
-/// Part of the sphere that contains the directions from the points of a tile to a box: a cone around the
-/// direction to the centre of the box and, if the box is to one side, a [`Wedge`].
+/// Part of the sphere that contains the directions from the points of a tile to a box. It is a cone around the
+/// direction to the centre of the box. If the box is to one side, it is the intersection of this cone and a
+/// [`Wedge`].
 pub(crate) struct Window {
     /// Axis of the normals.
     up: DVec3,
@@ -17,7 +18,7 @@ pub(crate) struct Window {
     tilt: [f64; 2],
     /// Axis of the cone, and cosine and sine of its angle. `None` if the angle is a right angle or more.
     cone: Option<(DVec3, [f64; 2])>,
-    /// Squared sine of the angular radius of the box, as seen from the nearest point.
+    /// Squared sine of the angular radius of the box, as seen from the nearest point of the tile.
     ball: f64,
     wedge: Option<Wedge>,
 }
@@ -33,7 +34,7 @@ struct Wedge {
 }
 
 impl Window {
-    /// Window of a box or a triangle, given by its corners. `None` if it may surround the points.
+    /// Window of a box or a triangle, given by its corners. `None` if the box or triangle may surround the points.
     pub(crate) fn of(tile: &TileBounds, corners: &[Vec3]) -> Option<Self> {
         let up = tile.normals.axis.as_dvec3();
         let heights = corners.iter().map(|corner| corner.as_dvec3().dot(up));
@@ -78,8 +79,8 @@ impl Window {
         of_cone.min(PI * self.ball).min(self.wedge.as_ref().map_or(PI, |wedge| wedge.projected(tilt)))
     }
 
-    /// Upper bound of the cosine with any normal for directions within `radius` of a unit direction; 0
-    /// outside the window.
+    /// Upper bound of the cosine between any of the normals and any direction within `radius` of the unit vector
+    /// `direction`. 0 if all of these directions are outside the window.
     pub(crate) fn cosine(&self, direction: DVec3, radius: f64) -> f64 {
         // The cosine with the cone's axis changes by at most the distance that a direction moves.
         let inside = self.cone.is_none_or(|(axis, [cosine, _])| direction.dot(axis) + radius >= cosine);

@@ -83,7 +83,7 @@ impl SurfacePoint<'_> {
         [r / alpha, g / alpha, b / alpha, alpha]
     }
 
-    /// Same as [`texture`](Self::texture), with covered colours premultiplied by alpha.
+    /// Same as [`texture`](Self::texture), except that [`Texels::CoveredColours`] are premultiplied by alpha.
     fn weighed(&self, texture: Option<TextureRef>, texels: Texels) -> [f32; 4] {
         let Some(texture) = texture else { return [1.0; 4] };
         let Some(image) = self.object.textures.get(texture.texture as usize) else { return [1.0; 4] };

@@ -111,7 +111,8 @@ mod tests {
         Receiver::new(&mesh, DVec3::ZERO)
     }
 
-    /// Tests each rule with each arrangement of surfaces. The rows are those of docs/light-transport.md.
+    /// Tests each rule with each arrangement of surfaces. The rows are those of the table in
+    /// docs/light-transport.md.
     #[test]
     fn what_lets_the_environment_through() {
         let nothing = squares(&[]);

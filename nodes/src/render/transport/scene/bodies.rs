@@ -11,7 +11,7 @@ use crate::geometry::bvh::{Hit, Ray};
 use crate::geometry::sampling::{hash, unit};
 use crate::math::num;
 
-/// Number of points per surface at which the number of surrounding bodies is sampled.
+/// Number of points per surface at which the surrounding bodies are counted.
 const SURFACE_SAMPLES: usize = 64;
 
 /// Orders hits along a ray.
@@ -132,7 +132,7 @@ impl Objects {
         (light * left, media)
     }
 
-    /// Transmittance of a ray that crosses no surface before its end, and the media there.
+    /// Transmittance of a ray that crosses no surface before its end, and the media at its end.
     pub fn within(&self, media: Media, end: Option<&Hit>, reach: f32) -> (Vec3, Media) {
         match self.bodies.is_empty() {
             true => (Vec3::ONE, media),
@@ -164,12 +164,13 @@ impl Objects {
         light * self.through(media, crossed, (None, ray.t_max), share).0
     }
 
-    /// Probability that a straight ray passes through a surface: the share of light that does so in air.
+    /// Probability that a straight ray passes through a surface: the transmittance of the surface if it is
+    /// surrounded by air.
     fn probability(&self, hit: &Hit, direction: Vec3) -> f32 {
         self.straight(hit, direction, None).max_element()
     }
 
-    /// Nearest surface along a straight ray that passes through some surfaces at random.
+    /// First surface at which a straight ray stops. The ray passes at random through surfaces that transmit light.
     pub fn closest_straight(&self, ray: Ray, key: u32) -> Option<Hit> {
         self.bvh.closest(ray, |hit| {
             self.accepts(hit, key, false)

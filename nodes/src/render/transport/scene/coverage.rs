@@ -32,7 +32,8 @@ impl Objects {
         if there > 0.0 { there.min(1.0) } else { 0.0 }
     }
 
-    /// True if a ray with the given random key stops at the surface, with the probability of its coverage.
+    /// Decides at random whether a ray with the random key `key` stops at the surface. The probability is the
+    /// coverage of the surface.
     pub fn accepts(&self, hit: &Hit, key: u32, camera: bool) -> bool {
         let coverage = self.coverage(hit, camera);
         coverage == 1.0 || unit(hash(key, hit.triangle)) < coverage

@@ -12,7 +12,7 @@ use crate::geometry::bvh::Hit;
 use crate::types::Material;
 
 /// Minimum emission that light samples assume, as a share of the maximum of the emission texture over the
-/// footprint. It is the mean of one bright texel among 128 by 128.
+/// footprint. It is the share of one texel in 128 by 128 texels.
 const FAINT: f32 = 1.0 / 16384.0;
 
 /// Number of lattice cells that the emissive triangles of all objects share. It may be exceeded, since a lattice

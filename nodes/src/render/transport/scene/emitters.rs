@@ -33,9 +33,10 @@ struct Lattice {
 /// Maximum number of squares per edge of a lattice in scenes with many emissive triangles.
 pub const COARSE: u32 = 32;
 
-/// Maximum number of bright cells of a fine lattice for which each cell is examined at more points.
+/// Maximum number of bright cells of a fine lattice. Up to this number, each bright cell is examined at more
+/// points.
 const FEW: usize = 256;
-/// Number of points per edge at which each of these cells is examined.
+/// Number of points along each edge of a bright cell at which the cell is examined.
 const CLOSE: u32 = 16;
 
 impl Lattice {
@@ -48,7 +49,7 @@ impl Lattice {
         2 * (i * self.side + j) + u32::from(upper)
     }
 
-    /// Barycentric weights of a point of a cell, from weights within the cell.
+    /// Barycentric weights of a point within the triangle, from its weights within a cell.
     fn place(&self, cell: u32, [u, v]: [f32; 2]) -> [f32; 2] {
         let side = self.side as f32;
         let [i, j] = [cell / 2 / self.side, cell / 2 % self.side].map(|k| k as f32);

@@ -1,4 +1,4 @@
-//! The receiver mesh and the objects: geometry, textures, materials, media, and what they rest on.
+//! The receiver mesh and the objects: geometry, textures, materials, media, and the surfaces that objects rest on.
 
 pub(crate) mod aabb;
 pub mod attributes;

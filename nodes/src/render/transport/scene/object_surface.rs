@@ -15,7 +15,7 @@ use crate::types::{AlphaMode, Material, NormalMap};
 
 impl Objects {
     /// Surface at a hit, seen from the unit direction `out` by a ray with a footprint of `width` that arrived
-    /// through `media`. Without transmission if `straight` is true.
+    /// through `media`. Transmission is left out if `straight` is true.
     pub fn surface(&self, hit: &Hit, out: Vec3, straight: bool, width: f32, media: Media) -> Surface {
         let (part, material, point) = self.point(hit);
         let media = self.sides(part, hit.back, media);
@@ -127,7 +127,8 @@ impl Objects {
         ((tangent * x + bitangent * y) * map.scale + normal * z).normalize_or(normal)
     }
 
-    /// Direction of the anisotropy, and the factor of its strength, from its rotation and texture.
+    /// Direction of the anisotropy, from its rotation and texture, and the factor by which the texture scales its
+    /// strength.
     fn brush(
         &self,
         part: &PlacedPrimitive,

@@ -1,8 +1,8 @@
 //! Inserted objects as triangles in one frame, and the intersections of rays with them.
 //!
-//! Transmission bends and blurs light for camera rays and specular rays. For rays from matte surfaces, and so
-//! for shadows, light goes straight on and is only attenuated: refractive caustics are left out, consistently
-//! in both sampling strategies of matte surfaces.
+//! Transmission bends and blurs light for camera rays and specular rays. For rays from matte surfaces, including
+//! shadow rays, light goes straight on and is only attenuated. Refractive caustics are therefore left out, both for
+//! light samples and for scattered rays.
 
 use std::ops::Range;
 use std::sync::Arc;

@@ -37,7 +37,7 @@ pub struct Receiver {
     colours: Vec<[Vec3; 3]>,
     /// Number of vertex colours outside [0, 1] or not finite, which were clamped.
     pub clamped: u64,
-    /// Number of vertex colours with a channel below [`DARKEST`], which were raised to it.
+    /// Number of vertex colours with a channel below [`DARKEST`]. Such channels were raised to this value.
     pub raised: u64,
 }
 

@@ -1,9 +1,9 @@
 //! Flat objects that lie exactly on another object: a label on a box, a cloth on a table, a card on a card.
 //!
-//! Which of two coincident surfaces a ray hits would depend on rounding. A flat object in the plane of a face
-//! of another object is lifted off it by a few millionths of its coordinates, so that it is in front for all
-//! rays. A rug on the floor under a table is not moved: to separate it from the feet of the table, it would
-//! have to move into the floor, and the contact with the feet is not visible.
+//! Which of two coincident surfaces a ray hits would otherwise depend on rounding. A flat object in the plane of a
+//! face of another object is lifted off it by a few millionths of its coordinates, so that it is in front for all
+//! rays. A rug on the floor under a table is not moved: to separate it from the feet of the table, it would have to
+//! move into the floor, and the contact with the feet is not visible.
 
 use glam::{DVec2, Vec3};
 
@@ -66,7 +66,7 @@ impl Sheet {
         near && own.any(|own| share_area(&flat(own), &flat(corners), f64::from(reach)))
     }
 
-    /// True if the receiver coincides with the sheet below the centre of one of its triangles.
+    /// True if the receiver coincides with the sheet at the centre of one of the sheet's triangles.
     fn rests_on<'a>(
         &self,
         receiver: &Receiver,
@@ -98,9 +98,9 @@ fn share_area(a: &[DVec2; 3], b: &[DVec2; 3], by: f64) -> bool {
 }
 
 impl Objects {
-    /// Lifts flat objects off the objects that they coincide with, to the front side of the other face. Of two flat
-    /// objects, the later one is lifted off the earlier one, towards the camera if the earlier one is two-sided. A
-    /// flat object on the receiver is lifted only off other flat objects.
+    /// Lifts each flat object off the face of another object that it coincides with, towards the front of this
+    /// face. Of two flat objects, the later one is lifted off the earlier one, towards the camera if the earlier
+    /// one is two-sided. A flat object on the receiver is lifted only off other flat objects.
     pub(crate) fn lift_sheets(&mut self, receiver: Option<&Receiver>) {
         let Some((low, high)) = self.bvh.bounds().filter(|_| self.placed().len() > 1) else { return };
         let space = margin(&[low, high, low]);

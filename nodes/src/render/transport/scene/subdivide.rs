@@ -14,12 +14,12 @@
 
 use glam::{DVec3, Vec3};
 
-/// Factor of the distance of an edge from the origin in the maximum length of the edge.
+/// Coefficient of `d` in the maximum length of an edge, where `d` is the distance of the edge from the origin.
 const SHARE: f64 = 0.5;
-/// Factor of the distance of the mesh from the origin in the maximum length of an edge.
+/// Coefficient of `h` in the maximum length of an edge, where `h` is the distance of the mesh from the origin.
 const NEAREST: f64 = 16.0;
-/// Length below which edges are never halved, as a share of the distance of the farthest corner, even if the
-/// origin lies on the mesh.
+/// Length below which edges are never halved, as a share of the distance of the farthest corner from the origin. It
+/// limits the subdivision if the origin lies on the mesh.
 const FINEST: f64 = 1.0 / 1_099_511_627_776.0;
 /// Number of cuts that are allowed in addition to twice the number of triangles. When they are used up, for
 /// instance by a mesh of long needles, no further edges are halved.
@@ -43,7 +43,7 @@ pub struct Subdivision {
     room: usize,
 }
 
-/// Distance of the origin from a segment, the same for both orders of its ends.
+/// Distance of the origin from a segment. Swapping the ends of the segment does not change a bit of the result.
 fn distance_to_segment(a: DVec3, b: DVec3) -> f64 {
     // Otherwise rounding would depend on the winding.
     let (a, b) = if a.to_array() <= b.to_array() { (a, b) } else { (b, a) };

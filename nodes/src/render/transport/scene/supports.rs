@@ -6,7 +6,7 @@ use super::aabb::Aabb;
 use super::receiver::Receiver;
 use crate::geometry::bvh::{Hit, Ray};
 
-/// Minimum cosine between the normal of the mesh and the direction of support.
+/// Minimum cosine between the normal of the mesh and the direction of support at which the mesh supports an object.
 pub(crate) const STEEPEST: f32 = 0.7;
 /// Support of one side of an object.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -98,8 +98,8 @@ impl Ground {
         (level <= height + slack).then(|| receiver.start(&hit) - position)
     }
 
-    /// Height of a support above a point of the mesh, and its direction. `may_be` selects the permitted
-    /// directions.
+    /// Height, along the direction of support, by which the nearest support lies above a point of the mesh, reduced
+    /// beyond [`Support::reach`]. Also returns this direction. `may_be` selects the permitted directions.
     fn rise(&self, position: Vec3, may_be: impl Fn(Vec3) -> bool) -> Option<(f32, Vec3)> {
         let height = |s: &Support| position.dot(s.out);
         let aside = |s: &Support| {

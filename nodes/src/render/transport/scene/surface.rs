@@ -48,7 +48,7 @@ impl Surface {
         }
     }
 
-    /// Point for which light of the receiver is sampled.
+    /// Point for which near light is sampled.
     #[inline]
     pub fn looks_from(&self) -> Vec3 {
         self.position + self.bed.unwrap_or_default()

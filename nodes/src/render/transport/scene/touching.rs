@@ -1,9 +1,9 @@
 //! Objects that coincide with the receiver: a rug on a floor, a picture on a wall.
 //!
-//! Which of two coincident surfaces a ray hits would depend on rounding. Here the object counts as in front of the
-//! receiver: rays to the receiver pass through it first, and rays through it reach the receiver, as if the object
-//! lay a millimetre higher. Surfaces of bodies, such as the lower face of a glass that stands on a floor, are
-//! handled in [`super::media`].
+//! Which of two coincident surfaces a ray hits would otherwise depend on rounding. Here the object counts as in
+//! front of the receiver: rays to the receiver pass through the object first, and rays through the object reach the
+//! receiver, as if the object lay a millimetre higher. Surfaces of bodies, such as the lower face of a glass that
+//! stands on a floor, are handled in [`super::media`].
 
 use glam::Vec3;
 
@@ -29,7 +29,7 @@ impl Touching {
         if there { 2.0 * self.reach } else { 0.0 }
     }
 
-    /// Distance beyond a receiver hit within which an object that lies on it may be hit.
+    /// Distance beyond a receiver hit within which a ray may still hit an object that lies on the receiver.
     pub fn allowance(&self, ray: &Ray, t: f32, normal: Vec3) -> f32 {
         let position = ray.origin + ray.direction * t;
         let there = self.held.is_some_and(|held| held.holds(position));

@@ -17,7 +17,7 @@ pub struct LightCell {
     pub area: f64,
     /// Luminance times solid angle.
     pub power: f64,
-    /// Mean direction of the light of the cell, a vector shorter than 1.
+    /// Mean direction of the light of the cell. Its length is at most 1, and smaller for a wide cell.
     pub towards: Vec3,
 }
 
@@ -59,8 +59,9 @@ impl Directions {
         all
     }
 
-    /// Share of its power that each cell contributes to a surface whose normal is the axis of `normals`, but at
-    /// least half of an upper bound over all normals in this cone. `sine` is the sine of the cone's angle.
+    /// For each cell, the share of the power of the cell that reaches a surface whose normal is the axis of
+    /// `normals`, or half of an upper bound of this share over all normals in the cone, if this is larger. `sine`
+    /// is the sine of the cone's angle.
     #[inline]
     fn shares(&self, normals: &Cone, sine: f32) -> Vec4 {
         let cosine = normals.cosine;
@@ -155,7 +156,7 @@ mod tests {
         cell.power * f64::from(share)
     }
 
-    /// Rows give the same bits as single cells.
+    /// Weights computed for a whole row equal, bit for bit, the weights computed for its single cells.
     #[test]
     fn rows_are_weighed_as_their_cells_are() {
         for columns in [1, 5, 16, 70] {

@@ -5,8 +5,8 @@ use glam::Vec3;
 use crate::geometry::sampling::{Points, circle, unit};
 use crate::render::transport::bsdf::Frame;
 
-/// First of three dimension pairs for rays towards objects. They decide the direction, whether a ray is sent, and
-/// whether the sample estimates a change at all.
+/// Index of the first of three pairs of sample dimensions for rays towards objects. In this order, the pairs decide
+/// the direction, whether a ray is sent, and whether the sample estimates a change at all.
 pub(crate) const TOWARDS: u32 = 1 << 17;
 /// A cone of directions around a unit axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -21,7 +21,7 @@ impl Cone {
     /// All directions.
     pub const ALL: Self = Self { axis: Vec3::Z, cosine: -1.0 };
 
-    /// Cone that contains unit vectors, with a small margin for rounding.
+    /// Cone that contains the given unit vectors, with a small margin for rounding.
     pub fn around(directions: impl Iterator<Item = Vec3> + Clone) -> Self {
         let Some(axis) = directions.clone().sum::<Vec3>().try_normalize() else { return Self::ALL };
         let cosine = directions.map(|d| d.dot(axis)).fold(1.0, f32::min) - 1e-5;
@@ -76,7 +76,7 @@ pub(crate) struct Towards {
 }
 
 impl Towards {
-    /// Sampling without rays, for objects that may be in any direction.
+    /// Sampling that sends no rays, used for example if the objects may be in any direction.
     pub(crate) const NOWHERE: Self = Self { cone: Cone::ALL, pdf: 0.0 };
 
     /// Sampling with `rays` rays per steradian, but at most one ray in total.

@@ -1,13 +1,14 @@
 //! Upper bound of the irradiance of any surface under given light.
 //!
-//! The irradiance is half of the light from both sides of a plane plus half of their difference:
+//! The irradiance on one side of a plane is half of the sum of the light on both sides, plus half of the difference
+//! between the two:
 //!
 //! `E(n) = 1/2 (int |n.w| L + n. int w L) <= 1/2 (sqrt(int L . int (n.w)^2 L) + |int w L|)`.
 
 use glam::{DMat3, DVec3};
 
-/// Upper bound of the irradiance, from integrals over the sphere of radiance, radiance times direction, and
-/// radiance times products of direction components.
+/// Upper bound of the irradiance. The arguments are integrals over the sphere of directions: of the radiance, of
+/// the radiance times the direction, and of the radiance times the products of two components of the direction.
 pub fn greatest_irradiance(power: f64, towards: DVec3, squares: DMat3) -> f64 {
     let trace = squares.x_axis.x + squares.y_axis.y + squares.z_axis.z;
     if trace <= 0.0 {

@@ -130,8 +130,8 @@ impl LightCells {
         }
     }
 
-    /// Reads the data that the second half searches, so that memory accesses of many choices overlap. The
-    /// returned sum has no meaning.
+    /// Reads the data that [`texel`](Self::texel) will search, so that the memory accesses of many choices overlap.
+    /// The returned sum has no meaning.
     #[inline(always)]
     pub fn look_ahead(&self, &RowChoice { y, columns: [start, end], .. }: &RowChoice) -> f32 {
         let line = &self.across[y as usize * self.width + start as usize..];
@@ -139,8 +139,8 @@ impl LightCells {
         line[0] + line[last.min(LINE)] + line[last.min(2 * LINE)]
     }
 
-    /// Completes a choice of a row: chooses a texel in it. Returns the column and row of the texel, and the position
-    /// in it.
+    /// Completes a choice that [`row`](Self::row) began, by choosing a texel of the row. Returns the column and row
+    /// of the texel, and a position within the texel.
     #[inline(always)]
     pub fn texel<S: Simd>(
         &self,

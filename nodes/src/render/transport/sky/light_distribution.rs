@@ -22,17 +22,18 @@ const ANY: usize = SIDE * SIDE;
 
 /// Number of entries that are compared at once.
 const LANES: usize = 8;
-/// Number of entries that are scanned. Longer lines are bisected down to this number first.
+/// Number of entries up to which a line is scanned linearly. Longer lines are bisected first.
 const SCANNED: usize = 32;
 
-/// Pads a line of cumulative probabilities for [`invert`], which may read a whole vector from any entry.
+/// Pads a line of cumulative probabilities for [`invert`], which may read a whole SIMD vector that starts at any
+/// entry.
 pub fn pad(cumulative: &mut Vec<f32>) {
     cumulative.extend([f32::INFINITY; LANES]);
 }
 
-/// Index of the first of `length` entries of a cumulative distribution above `u`, and the position of `u`
-/// between its neighbours, in [0, 1). The last entry is 1, and `u` is less. The entries must be padded; see
-/// [`pad`].
+/// Index of the first entry above `u` among the first `length` entries of a cumulative distribution, and the
+/// relative position of `u` between the previous entry and this one, in [0, 1). The last entry must be 1, and `u`
+/// less than 1. The entries must be padded; see [`pad`].
 #[inline(always)]
 pub fn invert<S: Simd>(simd: S, cumulative: &[f32], length: usize, u: f64) -> (usize, f64) {
     // Entries up to `u` are entries up to the largest f32 not above it.
@@ -80,7 +81,7 @@ pub fn accumulate(weights: &[f64], out: &mut [f64]) -> f64 {
     sum
 }
 
-/// Direction of a point of the octahedral map, whose coordinates lie in [-1, 1].
+/// Direction that corresponds to a point of the octahedral map. The coordinates of the point lie in [-1, 1].
 fn unfold(x: f32, y: f32) -> Vec3 {
     let z = 1.0 - x.abs() - y.abs();
     let under = (-z).max(0.0);
@@ -151,7 +152,8 @@ impl LightDistribution {
         distribution
     }
 
-    /// Chooses the row and column of a cell, and returns the position of the point within the choice.
+    /// Chooses the row and column of a cell by two random numbers. Also returns the relative positions of the
+    /// numbers within the intervals of the row and of the column, which can serve as new random numbers.
     #[inline(always)]
     pub fn choose<S: Simd>(&self, simd: S, point: [f64; 2]) -> (usize, usize, [f64; 2]) {
         let (row, v) = invert(simd, &self.cumulative, self.rows, point[0]);

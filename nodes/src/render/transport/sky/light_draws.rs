@@ -10,7 +10,7 @@ use crate::geometry::sampling::{Points, fraction};
 
 /// Number of samples that are drawn at once.
 const LANES: usize = 8;
-/// Offset between the dimension pairs of one tier and the next.
+/// Offset between the pairs of sample dimensions of one tier and of the next.
 const TIER: u32 = 1 << 18;
 
 /// Light sample to be drawn.
@@ -100,7 +100,8 @@ pub struct LightDraws<'a, V> {
 const TOGETHER: usize = 32;
 
 impl<'a, V: Iterator<Item = Option<(Points, Distributions<'a>)>>> LightDraws<'a, V> {
-    /// Creates the light samples of `vertices`, `lights` per tier, whose dimension pairs start at `pair`.
+    /// Creates the light samples of `vertices`, `lights` per tier. They use the pair of sample dimensions with
+    /// index `pair`, offset for each tier.
     pub fn new(sky: &'a EnvironmentLight, lights: [u32; TIERS], pair: u32, vertices: V) -> Self {
         let (wanted, draws, ends) = (Vec::new(), Vec::new(), Vec::new());
         Self { sky, lights, pair, vertices, wanted, draws, ends, asked: 0 }

@@ -76,12 +76,12 @@ impl TexelGrid {
         pixel_solid_angle(self.width, self.height, y)
     }
 
-    /// Upper bound of half the distance between two directions of a texel.
+    /// Upper bound of half the distance between any two directions in the same texel.
     pub fn radius(&self) -> f64 {
         PI * (0.5 / self.height as f64 + 1.0 / self.width as f64)
     }
 
-    /// Calls `each` with column and row of each texel that overlaps a cone, and of some near it.
+    /// Calls `each` with the column and row of each texel that overlaps a cone, and of some texels near the cone.
     pub fn each_around(&self, cone: &Cone, mut each: impl FnMut(usize, usize)) {
         let [x, y, z] = self.axes.map(|axis| f64::from(axis.dot(cone.axis)).clamp(-1.0, 1.0));
         let texel = 2.0 * self.radius();

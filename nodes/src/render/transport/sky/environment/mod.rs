@@ -201,7 +201,7 @@ impl EnvironmentLight {
         }
     }
 
-    /// Tier of a single light sample, and the remaining random numbers.
+    /// Chooses the tier of a single light sample. Also returns random numbers for the choice within the tier.
     #[inline]
     pub fn tier(&self, distributions: Distributions<'_>, [v, u]: [u32; 2]) -> (usize, [u32; 2]) {
         let share = f64::from(self.numbers(distributions, None)[0]);
@@ -259,7 +259,7 @@ impl EnvironmentLight {
         })
     }
 
-    /// Same as [`sample_one`](Self::sample_one), except that a quarter of the samples ignores the normal (defensive
+    /// Same as [`sample_one`](Self::sample_one), except that a quarter of the samples ignore the normal (defensive
     /// sampling). Used for light whose direction differs slightly from its direction in the panorama.
     pub fn sample_defensive(&self, normal: Option<Vec3>, [a, b]: [u32; 2]) -> Option<LightSample> {
         const QUARTER: u32 = 1 << 30;

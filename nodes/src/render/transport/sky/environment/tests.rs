@@ -140,8 +140,8 @@ fn a_black_sky_is_sampled_evenly() {
     }
 }
 
-/// A surface that faces the bright texel samples it, and one that faces away never does. The density of both
-/// integrates to 1.
+/// A surface that faces the bright texel samples it, and a surface that faces away never does. The density
+/// integrates to 1 for both surfaces.
 #[test]
 fn one_texel_may_outshine_all_others() {
     let mut environment = constant(Up::PlusZ, [1e-9; 3], 32);
