@@ -1,4 +1,4 @@
-//! Targets of readers that are reached through a kind, which reads files of a folder.
+//! Fuzz targets for readers that read files of a folder. They are called through the kind that uses the reader.
 
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
@@ -10,7 +10,7 @@ use nodes::kinds::load_mesh::{self, ColourEncoding, LoadMesh, MeshFrame};
 use nodes::kinds::load_object::{self, LoadObject};
 use nodes::kinds::load_splats::{self, LoadSplats};
 
-/// The folder of this process, in memory where the system has such a folder.
+/// A folder for this process. It is in memory if the system has `/dev/shm`.
 fn folder() -> &'static Path {
     static FOLDER: OnceLock<PathBuf> = OnceLock::new();
     FOLDER.get_or_init(|| {
@@ -34,7 +34,8 @@ fn run<K: Kind>(params: &K::Params, inputs: K::In, files: &[(&str, &[u8])]) -> R
     K::run(params, inputs, &Context::detached(scene, folder()))
 }
 
-/// Reads cameras from files of these names; `path` is the one that is named. All numbers must be finite.
+/// Writes `files`, which are pairs of name and content, and reads cameras from the file `path`. All numbers must be
+/// finite.
 pub fn cameras(path: &str, files: &[(&str, &[u8])]) {
     let params = LoadCameras {
         path: InputFile(path.to_owned()),
@@ -54,7 +55,7 @@ pub fn cameras(path: &str, files: &[(&str, &[u8])]) {
     }
 }
 
-/// Reads the file as the mesh of a place. All positions must be finite or dropped, and all indices valid.
+/// Reads the file as the mesh of a place. All indices must be valid.
 pub fn mesh(name: &str, data: &[u8]) {
     let path = InputFile(name.to_owned());
     let params = LoadMesh { path, colours: ColourEncoding::Auto, frame: MeshFrame::World, matrix: None };
@@ -64,7 +65,7 @@ pub fn mesh(name: &str, data: &[u8]) {
     }
 }
 
-/// Reads the file as an object.
+/// Reads the file as an object. All indices must be valid.
 pub fn object(name: &str, data: &[u8]) {
     let params = LoadObject { path: InputFile(name.to_owned()), scene: None };
     if let Ok((out, _)) = run::<LoadObject>(&params, load_object::In {}, &[(name, data)]) {
@@ -75,7 +76,8 @@ pub fn object(name: &str, data: &[u8]) {
     }
 }
 
-/// Reads `lod-meta.json` next to the files of a small streamed scene, of which `files` may be damaged.
+/// Writes `files`, which may be damaged, and reads `lod-meta.json` among them as a streamed scene at a level. All
+/// positions must be finite.
 pub fn streamed(level: u32, files: &[(&str, &[u8])]) {
     let params = LoadSplats {
         path: InputFile("lod-meta.json".to_owned()),
@@ -91,7 +93,7 @@ pub fn streamed(level: u32, files: &[(&str, &[u8])]) {
     }
 }
 
-/// Splits data in two at a length in its first two bytes.
+/// Splits data into two parts. Its first two bytes are the length of the first part.
 pub fn halves(data: &[u8]) -> (&[u8], &[u8]) {
     let Some((head, rest)) = data.split_first_chunk::<2>() else { return (data, &[]) };
     rest.split_at(usize::from(u16::from_le_bytes(*head)).min(rest.len()))

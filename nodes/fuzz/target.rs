@@ -21,7 +21,7 @@ pub fn read(head: &[u8], data: &[u8]) {
     }
 }
 
-/// Decodes a picture of any format.
+/// Decodes a picture of any format. All samples must be finite.
 pub fn picture(data: &[u8]) {
     if let Ok(picture) = nodes::io::picture::of_bytes("fuzz", data) {
         let (width, height, channels) = picture.size();

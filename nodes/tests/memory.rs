@@ -119,7 +119,7 @@ const CASES: [(&str, f64); 22] = [
     (r#"a: LoadImage(path: "noise.png"), b: WriteAnimation(frames: ["a", "a", "a"], path: "a.png")"#, 1.5),
 ];
 
-/// A graph that renders and writes each camera of a file, and the file with `count` cameras.
+/// Writes a file with `count` cameras, and returns the nodes of a graph that renders a picture for each of them.
 fn views(folder: &Path, count: usize) -> String {
     let camera = |i: usize| {
         format!(
@@ -137,7 +137,8 @@ fn views(folder: &Path, count: usize) -> String {
         .to_owned()
 }
 
-/// Runs a case with a budget. Returns the peak of allocations, or `None` if a node needs more memory.
+/// Runs a case with a memory budget. Returns the peak of the allocated memory, or `None` if a node needs more
+/// memory.
 fn run(folder: &Path, nodes: &str, memory: u64) -> Option<u64> {
     let axes = if nodes.contains("Axis") { "axes: (frame: Cameras(\"rig\"))," } else { "" };
     let text = format!("Graph(version: 1, scene: (up: \"+z\"), {axes} nodes: ({nodes}))");
@@ -188,8 +189,8 @@ fn in_a_process(folder: &Path, case: usize, budget: u64) -> Option<u64> {
     reported.parse().ok()
 }
 
-/// The views of an axis over the cameras of a file are computed in the memory of a few of them, whatever their number:
-/// a view of this size takes 10 MB. Mutation: `view: SplatRender(.., rig: "rig")`, whose views are one value.
+/// With an axis over the cameras of a file, memory does not grow with the number of views. A view of this size
+/// takes 10 MB. This test fails with `view: SplatRender(.., rig: "rig")`, since all views are then one value.
 #[test]
 fn views_of_an_axis_take_the_memory_of_a_few() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -199,7 +200,8 @@ fn views_of_an_axis_take_the_memory_of_a_few() {
     assert!(many as f64 <= 1.25 * few as f64, "{few} bytes for 4 views, {many} for 32");
 }
 
-/// `--memory` is accurate within 20 %: nodes that need more are refused before they run, and no others are.
+/// A memory budget is accurate within 20 %: nodes that need more are refused before they run, and no other nodes
+/// are.
 #[test]
 #[ignore = "on demand: it starts some seventy processes"]
 fn a_budget_holds_within_a_fifth() {

@@ -97,8 +97,8 @@ pub fn check(path: &Path) -> Result<(), NodeError> {
         .ok_or_else(|| NodeError::new(format!("`{name}` is neither a regular file nor a folder")))
 }
 
-/// Reads a scene of any format without the harmonics above degree 0, for figures that do not need them. Also returns
-/// the degree of the file.
+/// Reads a scene of any format without the harmonics above degree 0, for statistics that do not use them. Also
+/// returns the degree of the harmonics in the file.
 pub fn load_plain(path: &Path, cx: &Context) -> Result<(Splats, u32, Notes), NodeError> {
     params(InputFile(path.display().to_string()), Frame::AsStored).plain(cx)
 }

@@ -126,7 +126,7 @@ impl Standing {
         let place = match matrix {
             None => first,
             Some(_) => {
-                // Both at once would take twice the memory.
+                // Both scenes at once would take twice the memory.
                 drop(first);
                 load(splats, matrix, &cx)?
             }

@@ -17,7 +17,7 @@ fn ball() -> String {
     text
 }
 
-/// A file of `count` cameras side by side, as nerfstudio writes it on Windows.
+/// A file of `count` cameras next to each other, as nerfstudio writes it on Windows.
 fn ring(count: usize, size: [u32; 2]) -> String {
     let frames: Vec<String> = (0..count)
         .map(|i| {
@@ -32,7 +32,7 @@ fn ring(count: usize, size: [u32; 2]) -> String {
     format!("\u{feff}{{\"w\": {w}, \"h\": {h}, \"camera_angle_x\": 0.8, \"frames\": [{}]}}", frames.join(","))
 }
 
-/// The cameras of a file, one after the other.
+/// A graph that renders the cameras of a file one after the other.
 const VIEWS: &str = r#"Graph(version: 1, axes: (frame: Cameras("rig")), scene: (up: "+z", seed: 1), nodes: (
     scene: LoadSplats(path: "ball.ply"),
     rig:   LoadCameras(path: "ring.json"),
@@ -45,8 +45,8 @@ fn pictures(place: &Place) -> Vec<String> {
     place.outputs().into_keys().collect()
 }
 
-/// An axis over the cameras of a file renders one after the other, by ranges, and an edit of one camera renders that
-/// one again and no other. A camera can be picked by an axis of numbers as well.
+/// An axis over the cameras of a file renders one camera after the other, also by ranges. If one camera is edited,
+/// only this camera is rendered again. An axis of numbers can also pick cameras.
 #[test]
 fn the_cameras_of_a_file_are_an_axis() {
     let place = Place::new(VIEWS);
@@ -72,7 +72,7 @@ fn the_cameras_of_a_file_are_an_axis() {
     place.run(&[]).good();
 }
 
-/// The plan of all views of a capture at once asks for the memory of a view, not of 300.
+/// With an axis over the cameras, a plan for 300 views requests the memory for one view, not for 300.
 #[test]
 fn three_hundred_views_do_not_ask_for_the_memory_of_all() {
     let place = Place::new(VIEWS);
@@ -81,7 +81,7 @@ fn three_hundred_views_do_not_ask_for_the_memory_of_all() {
     place.run(&["--frames", "299-299", "--memory", "4G"]).good();
     assert_eq!(pictures(&place), ["299_shot_299.png"]);
     assert_eq!(place.call(&["plan", "graph.ron", "--memory", "4G"]).status.code(), Some(0));
-    // Without an axis they are one value.
+    // Without an axis, all views are one value.
     let whole = VIEWS.replace("rig: \"cam\"", "rig: \"rig\"").replace("{frame}_", "");
     place.write(&whole.replace("axes: (frame: Cameras(\"rig\")), ", "").replace("[Axis(\"frame\")]", "[0]"));
     let failed = place.run(&["--memory", "4G"]);

@@ -43,8 +43,8 @@ enum Values<'t> {
 }
 
 impl<'t> Axis<'t> {
-    /// Parses an entry of the `axes` block. `cameras_of` returns the number of cameras of a node with a name, or
-    /// `None` if that node has a mistake, which is reported elsewhere.
+    /// Parses an entry of the `axes` block. `cameras_of` returns the number of cameras of the node with the given
+    /// name. It returns `None` if that node has a mistake, which is then reported elsewhere.
     pub fn read(
         field: &RawField<'t>,
         cameras_of: impl FnOnce(&str) -> Result<Option<usize>, Diagnostic>,
@@ -141,8 +141,8 @@ pub(crate) fn reads_axis(text: &str) -> bool {
     !calls(text, &CALLS).is_empty()
 }
 
-/// The axes that the text of a field reads, by index, or the mistake in one of its calls. `span` is the place of
-/// the field.
+/// The indices of the axes that the text of a field reads. Returns an error if one of its calls has a mistake.
+/// `span` is the place of the field.
 pub(crate) fn axes_read(
     text: &str,
     span: &Range<usize>,

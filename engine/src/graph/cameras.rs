@@ -1,4 +1,4 @@
-//! The number of cameras of a node, for the axis `Cameras("rig")`, before anything runs.
+//! Number of cameras of a node, determined before the graph runs. It is needed for the axis `Cameras("rig")`.
 
 use crate::graph::axis::reads_axis;
 use crate::graph::checker::{Check, GATHER};
@@ -10,14 +10,15 @@ use crate::text::document::{Document, RawField, RawNode};
 use crate::text::source::Source;
 use crate::value::root::SourceRoot;
 
-/// Maximum number of nodes that are followed upwards to one whose number of cameras is known.
+/// Maximum number of nodes that are followed upstream, until the number of cameras of one of them is known.
 const MOST_STEPS: usize = 1000;
 
-/// The number of cameras of the node `name`, which an axis with the text `axis` refers to. `None` if that node has a
-/// mistake, which the check of the nodes reports.
+/// Returns the number of cameras of the node `name`, to which the axis `axis` refers. Returns `None` if that node
+/// has a mistake, which the check of the nodes reports.
 ///
 /// # Errors
-/// If there is no such node, if it varies along an axis, or if its number of cameras is not known before it runs.
+/// If there is no such node, if the node varies along an axis, or if its number of cameras is not known before it
+/// runs.
 pub(crate) fn cameras_of<'t>(
     name: &str,
     axis: &RawField<'t>,
@@ -41,14 +42,14 @@ pub(crate) fn cameras_of<'t>(
         };
         let unknown = |why: &str| {
             wrong(Code::WrongValue, format!("the number of cameras of `{}` {why}", shown(&node.id)))
-                .hint(format!("write their number: `{}: Range(0, 300)`", axis.name))
+                .hint(format!("write the number instead: `{}: Range(0, 300)`", axis.name))
         };
         let Some(kind) = registry.get(node.kind) else {
             // An unknown kind is reported by the check of the nodes.
             return if node.kind == GATHER { Err(unknown("varies along an axis")) } else { Ok(None) };
         };
         if node.fields.iter().any(|field| reads_axis(field.text)) {
-            let how = "load all cameras in one node without an axis, and pick one of them in another: \
+            let how = "load all cameras in one node without an axis, and pick one of them in another node: \
                        `PickCameras(rig: \"rig\", pick: [Axis(\"frame\")])`";
             return Err(unknown("varies along an axis").hint(how));
         }
@@ -74,13 +75,13 @@ pub(crate) fn cameras_of<'t>(
     ))
 }
 
-/// The node with a name, or with a name and an output.
+/// The node to which `name` refers. `name` may end with a dot and the name of an output.
 fn node_of<'d, 't>(name: &str, document: &'d Document<'t>) -> Option<&'d RawNode<'t>> {
     let find = |name: &str| document.nodes.iter().find(|node| node.id == name);
     find(name).or_else(|| find(name.rsplit_once('.')?.0))
 }
 
-/// The full name of what the first wire of an input leads to.
+/// Full name, as written in a wire, of the node or output that feeds the first wire of an input.
 fn above(node: &RawNode<'_>, input: &str, document: &Document<'_>) -> Option<String> {
     let field = node.fields.iter().find(|field| field.name == input)?;
     let named = wire_names(field, &document.scopes).ok()?.into_iter().next()?;

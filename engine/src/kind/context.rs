@@ -294,7 +294,7 @@ impl Context {
     /// neither waits. `make` must not call [`count`](Self::count).
     ///
     /// # Errors
-    /// Those of `make`, and if `extra` has no canonical form.
+    /// If `make` fails, or if `extra` has no canonical form.
     pub fn in_memory<T: Send + Sync + 'static>(
         &self,
         part: Part<'_>,

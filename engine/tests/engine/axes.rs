@@ -186,8 +186,9 @@ fn mistakes_of_axes_have_their_place() {
     }
 }
 
-/// The values of `Cameras` are the indices of the cameras of a node, as its files say now; a node that takes its
-/// cameras from another one has as many. Mutation: the number of the first parse kept in `cameras_of`.
+/// The values of `Cameras` are the indices of the cameras of a node. The number of cameras is read from the current
+/// files, and a node that takes its cameras from another node has the same number. This test fails if `cameras_of`
+/// keeps the number of the first parse.
 #[test]
 fn the_cameras_of_a_node_are_an_axis() {
     let lab = Lab::on_disk();
@@ -205,7 +206,7 @@ fn the_cameras_of_a_node_are_an_axis() {
     let two = with("\"b.txt\"");
     assert_eq!(two.outcome.totals.ran, 2 + 2 * 2);
     assert_eq!((lab.out("0.txt"), lab.out("1.txt")), ("68.0\n".to_owned(), "69.0\n".to_owned()));
-    // A range of them.
+    // A range of cameras.
     let text = graph(
         "frame: Cameras(\"rig\")",
         r#"rig: LoadDigits(path: "a.txt", more: ["b.txt", "a.txt", "b.txt"]),
@@ -250,7 +251,7 @@ fn a_number_of_cameras_that_is_not_known_is_a_mistake() {
     }
 }
 
-/// An axis of a subgraph counts the cameras of a node in that file.
+/// If a subgraph declares an axis `Cameras("rig")`, the node `rig` is that of the subgraph.
 #[test]
 fn a_subgraph_may_count_its_own_cameras() {
     let lab = Lab::on_disk();

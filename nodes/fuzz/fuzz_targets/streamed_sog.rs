@@ -1,5 +1,5 @@
 #![no_main]
-// The first byte chooses the level; the rest is `lod-meta.json`, and the file of its rows.
+// The first byte chooses the level. The rest is `lod-meta.json` and the file with its splats.
 libfuzzer_sys::fuzz_target!(|data: &[u8]| {
     let Some((level, rest)) = data.split_first() else { return };
     let (text, rows) = target::file::halves(rest);

@@ -1,29 +1,30 @@
-//! Splats in front of inserted objects, by the depths of a rendered view.
+//! Finds splats in front of inserted objects, by the depths of a rendered view.
 
-/// The depths of one view, pixel by pixel.
+/// The depths of one view. All lists have one number per pixel.
 #[derive(Debug, Clone, Copy)]
 pub struct Depths<'a> {
-    /// Planar depth of the splats in world units, +inf where there are none.
+    /// Planar depth of the splats, in world units; +inf where there are no splats.
     pub splats: &'a [f32],
     /// Coverage of the splats, 0 to 1.
     pub coverage: &'a [f32],
-    /// Planar depth of the nearest surface, object or mesh; +inf without a surface.
+    /// Planar depth of the nearest surface of an object or the mesh, in world units; +inf where there is no
+    /// surface.
     pub surface: &'a [f32],
     /// Coverage of the inserted objects, 0 to 1.
     pub objects: &'a [f32],
 }
 
-/// Minimum coverage at which splats count as solid, and objects as visible.
+/// Minimum coverage of a pixel whose splats count as solid.
 const SOLID: f32 = 0.9;
+/// Minimum coverage of a pixel at which an object counts as visible.
 const DRAWN: f32 = 0.5;
-/// Ratio of depths below which splats count as in front of an object. It is less than 1, since an object touches
-/// the ground that it stands on.
+/// Ratio of the depth of the splats to the depth of an object below which the splats count as in front of the
+/// object. It is less than 1 because an object touches the ground that it stands on.
 const BEFORE: f32 = 0.85;
-/// Minimum number of pixels of an object.
+/// Minimum number of object pixels for a result other than 0.
 const PIXELS: u64 = 40;
 
-/// Share of the pixels of the objects at which solid splats are in front of them; 0 for objects of few pixels. The
-/// lists have one number per pixel.
+/// Share of the object pixels at which solid splats are in front of the object; 0 if there are few object pixels.
 pub fn share(depths: &Depths<'_>) -> f64 {
     let (mut objects, mut before) = (0_u64, 0_u64);
     let mesh = depths.surface.iter().zip(depths.objects);
@@ -51,7 +52,7 @@ mod tests {
         share(&Depths { splats: &splats, coverage: &coverage, surface: &surface, objects: &objects })
     }
 
-    /// Depth of a floor and a wall at a pixel.
+    /// Depth, at pixel `i`, of a scene that consists of a floor and a wall.
     fn place(i: usize) -> f32 {
         2.0 + (i % N) as f32 * 0.03 + (i / N) as f32 * 0.05
     }
@@ -60,8 +61,8 @@ mod tests {
         (40..60).contains(&(i % N)) && (40..60).contains(&(i / N))
     }
 
-    /// A pixel without splats in front of the object: depth and coverage of the splats, depth of the surface, coverage
-    /// of the objects.
+    /// Values of pixel `i` if no splats are in front of the object: depth and coverage of the splats, depth of the
+    /// surface, coverage of the objects.
     fn right(i: usize) -> [f32; 4] {
         if is_object(i) {
             [place(i), 1.0, place(i) * 0.9, 1.0]
@@ -70,7 +71,7 @@ mod tests {
         }
     }
 
-    /// Mutation: `splat < BEFORE * surface` to `splat > BEFORE * surface`, seen red.
+    /// This test fails if `splat < BEFORE * surface` is replaced by `splat > BEFORE * surface`.
     #[test]
     fn a_post_before_an_object_is_found_and_haze_is_not() {
         assert_eq!(of(right), 0.0);

@@ -53,7 +53,8 @@ impl Relief<'_> {
         self.bvh.any(ray, |hit| {
             let [a, b, c] = self.corners[hit.triangle as usize].map(|p| p.as_dvec3());
             let height = self.reach - f64::from(hit.t);
-            // Of two that are equally near, the lower one, so that the order of hits does not matter.
+            // Of two heights that are equally near, the lower one is taken, so that the order of hits does not
+            // matter.
             let nearer = |best: f64| {
                 let [own, other] = [height, best].map(|height| (height - expected).abs());
                 own < other || (own == other && height < best)

@@ -139,7 +139,7 @@ pub fn choose_part<'a>(headers: &'a [Header], layer: &str) -> Option<(&'a Header
     Some((first, layer.to_owned()))
 }
 
-/// A file whose header was read.
+/// A file whose headers have been read.
 pub struct Opened<'a> {
     file: &'a str,
     bytes: &'a [u8],
@@ -150,10 +150,10 @@ pub struct Opened<'a> {
     pub layer: String,
 }
 
-/// Opens a file at the part that holds a layer; see [`choose_part`].
+/// Reads the headers of a file and chooses the part that holds a layer; see [`choose_part`].
 ///
 /// # Errors
-/// Errors about the header.
+/// If a header is invalid, or the part is not supported.
 pub fn open<'a>(file: &'a str, bytes: &'a [u8], layer: &str) -> Result<Opened<'a>, Error> {
     let meta = MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(|e| broken(file, e))?;
     let Some((header, layer)) = choose_part(&meta.headers, layer) else {
@@ -176,7 +176,7 @@ pub fn open<'a>(file: &'a str, bytes: &'a [u8], layer: &str) -> Result<Opened<'a
     Ok(Opened { file, bytes, meta, index, layer })
 }
 
-/// The error about a file that the decoder rejects.
+/// Error for a file that the decoder rejects.
 fn broken(file: &str, error: exr::error::Error) -> Error {
     match error {
         exr::error::Error::NotSupported(what) => Error::unsupported(file, what.into_owned()),
@@ -195,7 +195,7 @@ impl Opened<'_> {
         (window.0, window.1)
     }
 
-    /// Position of the data in the display window.
+    /// Position of the data window relative to the display window.
     fn shift(&self) -> [i64; 2] {
         let header = self.header();
         let (data, window) =
@@ -203,7 +203,7 @@ impl Opened<'_> {
         [i64::from(data.0) - i64::from(window.0), i64::from(data.1) - i64::from(window.1)]
     }
 
-    /// True when the data window is not the display window.
+    /// True if the data window differs from the display window.
     pub fn cropped(&self) -> bool {
         let size = self.header().layer_size;
         self.shift() != [0, 0] || (size.0, size.1) != self.size()
@@ -224,7 +224,7 @@ impl Opened<'_> {
         part_name(self.header())
     }
 
-    /// Names of all flat parts that have one.
+    /// Names of all flat parts that have a name.
     pub fn part_names(&self) -> Vec<String> {
         let flat = self.meta.headers.iter().filter(|header| !header.deep);
         flat.map(part_name).filter(|name| !name.is_empty()).collect()
@@ -236,23 +236,24 @@ impl Opened<'_> {
         found.map(|c| [c.red, c.green, c.blue, c.white].map(|exr::math::Vec2(x, y)| [x, y]))
     }
 
-    /// Samples of channels of the part, in the given order within each pixel; other channels are not kept in memory.
+    /// Reads some channels of the part. The samples of each pixel are in the order of `names`. Other channels are
+    /// not kept in memory.
     ///
     /// # Errors
-    /// [`Error::Stopped`], errors about the file, and a channel that does not exist.
+    /// [`Error::Stopped`], errors about the file, and an error if a channel does not exist.
     pub fn interleaved(&self, names: &[String], progress: Progress<'_>) -> Result<Vec<f32>, Error> {
         let mut starts = vec![None; self.header().channels.list.len()];
         for (start, name) in names.iter().enumerate() {
             let index = self.header().channels.list.iter().position(|channel| channel.name.eq(&**name));
             match index.and_then(|index| starts.get_mut(index)) {
                 Some(of_channel) => *of_channel = Some(start),
-                None => return Err(Error::format(self.file, format!("has no channel `{name}`"))),
+                None => return Err(Error::format(self.file, format!("the part has no channel `{name}`"))),
             }
         }
         self.read(&Rows { opened: self, starts, stride: names.len() }, progress)
     }
 
-    /// All channels of the part.
+    /// Reads all channels of the part.
     ///
     /// # Errors
     /// [`Error::Stopped`], and errors about the file.
@@ -287,13 +288,13 @@ impl Opened<'_> {
     }
 }
 
-/// Reader of channels of one part, which puts each line of a block where it belongs in the result.
+/// Reads channels of one part, and writes each line of a block to its place in the result.
 #[derive(Clone)]
 struct Rows<'a> {
     opened: &'a Opened<'a>,
-    /// Index of the first sample of each channel; `None` for channels that are not read.
+    /// Index in the result of the first sample of each channel; `None` for channels that are not read.
     starts: Vec<Option<usize>>,
-    /// Number of samples between those of two pixels.
+    /// Distance in the result between the samples of neighbouring pixels.
     stride: usize,
 }
 
@@ -301,7 +302,7 @@ impl<'a> ReadChannels<'a> for Rows<'_> {
     type Reader = RowsReader;
 
     fn create_channels_reader(&'a self, header: &Header) -> exr::error::Result<RowsReader> {
-        // Parts have names of their own. Chromaticities may be NaN, so headers are not equal to themselves.
+        // The names of parts are unique. Headers cannot be compared, since chromaticities may be NaN.
         let part = self.opened.header();
         let same = header.own_attributes.layer_name == part.own_attributes.layer_name
             && header.layer_size == part.layer_size
@@ -316,7 +317,7 @@ impl<'a> ReadChannels<'a> for Rows<'_> {
     }
 }
 
-/// The samples of [`Rows`] while they are read.
+/// Result of [`Rows`] while it is read.
 struct RowsReader {
     samples: Vec<f32>,
     /// Columns and rows of the display window.
@@ -327,7 +328,8 @@ struct RowsReader {
 }
 
 impl RowsReader {
-    /// Puts a line of a channel, at `x` and `y` of the data window. Samples outside of the display window are left out.
+    /// Writes a line of a channel that begins at `x` and `y` in the data window. `start` is the index of the first
+    /// sample of the channel. Samples outside the display window are skipped.
     fn put<T>(
         &mut self,
         start: usize,
@@ -670,8 +672,8 @@ mod tests {
         assert_eq!(read("a.exr", &none).map(|read| read.part).expect("reads"), "id");
     }
 
-    /// Data windows within, around and across the display window, read as planes and as pixels of some channels.
-    /// Mutation: `x as i64 + dx` to `x as i64` in `put`; `start +` left out.
+    /// Data windows that equal, cross or miss the display window, or lie within it, are read as planes and as
+    /// pixels of some channels. This test fails if `put` does not add `dx` or `start`.
     #[test]
     fn a_cropped_data_window_lands_in_its_place() {
         let file = |position: (i32, i32), window: (usize, usize)| {

@@ -16,7 +16,8 @@ pub struct Head {
     pub size: [u64; 2],
     /// Samples per pixel, over all layers of an OpenEXR file.
     pub channels: u64,
-    /// Bytes per pixel that the decoder returns.
+    /// Bytes per pixel that the decoder returns. For OpenEXR, the bytes per pixel that the largest part needs in
+    /// addition to this part.
     pub decoded: u64,
     /// True for linear light in floats; false for integer codes.
     pub floats: bool,
@@ -56,7 +57,7 @@ impl Head {
     pub fn as_floats(&self) -> [u64; 2] {
         let samples = self.pixels().saturating_mul(self.channels);
         if self.floats {
-            // The channels of one picture, in its pixels.
+            // The decoder writes the channels of one picture directly to its pixels.
             let floats = self.pixels().saturating_mul(4 * self.channels.min(4));
             return [self.pixels().saturating_mul(self.decoded).saturating_add(floats), floats];
         }
@@ -144,12 +145,12 @@ fn webp(reader: &mut (impl BufRead + Seek)) -> Option<Head> {
 }
 
 /// Reads the head of the part that is used when no layer is named. Since another part may be named, `decoded` is
-/// what the largest flat part takes beyond that one.
+/// the memory that the largest flat part needs in addition.
 fn exr(reader: &mut (impl BufRead + Seek)) -> Option<Head> {
     let meta = MetaData::read_from_buffered(reader, false).ok()?;
     let (header, _) = choose_part(&meta.headers, "")?;
     let area = |header: &Header| (header.layer_size.0 as u64).saturating_mul(header.layer_size.1 as u64);
-    // The channels of one picture are read into its pixels.
+    // Bytes of the pixels of one picture. Its channels are read directly into them.
     let floats =
         |header: &Header| area(header).saturating_mul(4 * (header.channels.list.len() as u64).min(4));
     let (width, height) = (header.layer_size.0 as u64, header.layer_size.1 as u64);

@@ -30,12 +30,12 @@ engine::choices! {
     }
 }
 
-/// The head of a picture; `None` for other files.
+/// Reads the head of a picture; `None` for other files.
 pub(crate) fn head_of(file: &FileHead<'_>) -> Option<Head> {
     file.open().and_then(|mut reader| Head::read(&mut reader))
 }
 
-/// Largest memory for reading a picture including its file, and the bytes of its floats.
+/// Peak memory for reading a picture, including its file, and the size of its floats, both in bytes.
 pub(crate) fn floats_of(file: &FileHead<'_>) -> [u64; 2] {
     let [reading, floats] = head_of(file).map_or([0; 2], |head| head.as_floats());
     [reading.saturating_add(file.bytes), floats]
@@ -160,7 +160,7 @@ fn tell(file: &exr::Opened<'_>, by_default: bool, notes: &mut Notes) {
     }
 }
 
-/// Selects the channels of a layer by name: colour with optional alpha, a vector, or a single channel.
+/// Names of the channels of the chosen layer: colour with optional alpha, a vector, or a single channel.
 fn layer(name: &str, file: &exr::Opened<'_>) -> Result<Vec<String>, Error> {
     let (layer, names) = (file.layer.as_str(), file.names());
     let prefix = if layer.is_empty() { String::new() } else { format!("{layer}.") };

@@ -60,7 +60,7 @@ impl Kind for LoadEnvironment {
     }
 
     fn estimate_files(_: &Self, files: &[FileHead<'_>]) -> Cost {
-        // The file and the picture, which becomes the light in its own memory; grey pictures become larger.
+        // The file and the picture, whose memory the light takes over. Only grey pictures need a larger copy.
         let of = |file: &FileHead<'_>| {
             let [reading, floats] = floats_of(file);
             let wider = head_of(file).filter(|head| head.channels < 3);

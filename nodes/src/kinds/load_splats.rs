@@ -123,7 +123,7 @@ impl Kind for LoadSplats {
 }
 
 impl LoadSplats {
-    /// Reads the files; with `plain`, only the mean of each colour over all directions.
+    /// Reads the files. If `plain` is true, only the mean of each colour over all directions is read.
     fn read(&self, plain: bool, cx: &Context) -> Result<(Vec<Loaded>, Notes), NodeError> {
         let mut notes = Notes::none();
         let matrix = Similarity::of_parameter(self.matrix.as_ref())?;
@@ -174,11 +174,11 @@ impl LoadSplats {
         Ok((files, notes))
     }
 
-    /// Reads the scene without the harmonics above degree 0, in a third of the memory. Also returns the degree of the
-    /// files. The remarks are those of [`run`](Kind::run) about the files.
+    /// Reads the scene without the harmonics above degree 0, which saves memory. Also returns the degree of the
+    /// harmonics in the files. The notes are those of [`run`](Kind::run) about the files.
     ///
     /// # Errors
-    /// Those of [`run`](Kind::run).
+    /// If [`run`](Kind::run) would fail.
     pub fn plain(&self, cx: &Context) -> Result<(Splats, u32, Notes), NodeError> {
         let (files, notes) = self.read(true, cx)?;
         let degree = files.iter().map(|file| file.stored_degree).max().unwrap_or(0);
@@ -264,8 +264,8 @@ mod tests {
         assert_eq!(of(engine::Up::PlusZ).is_some_and(|text| text.contains("is -y, but")), sure);
     }
 
-    /// A scene read without its harmonics has the same splats otherwise, also with a matrix and among several files.
-    /// Mutation: `part.sh.truncate(start + 1)` to `start + 2`, and `stored_degree` left out of `join`.
+    /// A scene that is read without its harmonics is otherwise the same, also with a matrix and from several files.
+    /// This test fails if `part.sh.truncate(start + 1)` is replaced by `part.sh.truncate(start + 2)`.
     #[test]
     fn a_plain_scene_has_all_but_the_harmonics() {
         let mut scene = Splats::empty();
@@ -275,10 +275,10 @@ mod tests {
             scene.means.push([unit(0), unit(1), unit(2)]);
             scene.scales.push([0.01, 0.02, 0.03]);
             scene.quats.push([1.0, 0.0, 0.0, 0.0]);
-            // The scene has rows that are dropped.
             scene.opacities.push(0.5);
             scene.sh.extend((0..9).map(|k| [unit(3), unit(4 + k), unit(5)]));
         }
+        // This row is dropped.
         scene.means[7] = [f32::NAN; 3];
         let folder = tempfile::tempdir().unwrap_or_else(|e| panic!("{e}"));
         let block = engine::Scene { up: engine::Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false };
@@ -309,8 +309,8 @@ mod tests {
         assert_eq!((dropped(&notes), dropped(&remarks)), (2, 2));
     }
 
-    /// A scene of degree 3 loaded with a matrix gives the same picture to a camera that was transformed by
-    /// the same matrix. Mutation: `self.sh.apply(sh)` left out of `Turn::apply`, seen red.
+    /// A scene of degree 3 that is loaded with a matrix gives the same picture for a camera that is transformed by
+    /// the same matrix. This test fails without `self.sh.apply(sh)` in `Turn::apply`.
     #[test]
     fn turned_scene_and_turned_camera_give_the_same_picture() {
         let mut scene = Splats::empty();

@@ -1,4 +1,4 @@
-//! `pick-cameras`: some cameras of a rig.
+//! `pick-cameras`: selects cameras of a rig.
 
 use std::sync::Arc;
 
@@ -8,14 +8,15 @@ use super::load_cameras::{Pick, chosen, count_of};
 use crate::types::Rig;
 
 engine::params! {
-    /// Picks cameras of a rig, for example one for each value of an axis over all of them.
+    /// Picks cameras of a rig, for example one camera for each value of an axis.
     ///
-    /// With `axes: (frame: Cameras("rig"))` and `pick: [Axis("frame")]`, each camera is a value of the axis: what
-    /// reads the picked camera runs for one camera after the other, in the memory of one, and is kept in the cache by
-    /// camera. The file of cameras is read once.
+    /// With `axes: (frame: Cameras("rig"))` and `pick: [Axis("frame")]`, the nodes that read the picked camera run
+    /// once for each camera of the rig. Their memory does not grow with the number of cameras, and the cache keeps
+    /// the result of each camera separately. The camera file is read only once.
     pub struct PickCameras {
-        /// Cameras to pick, in this order: names, with wildcards `*` and `?`, or ranges of indices from 0 such as
-        /// `2..5`, or `0..400..8` for every eighth, or an index. The default is all cameras.
+        /// Cameras to pick, in this order. An entry is a name, with the wildcards `*` and `?`; a range of indices
+        /// from 0, such as `2..5`, or `0..400..8` for every eighth camera; or a single index. The default is all
+        /// cameras.
         pick: Vec<Pick> = Vec::new(), other("[1]");
     }
 }
@@ -93,7 +94,7 @@ mod tests {
         assert!(picked(&["5..6"]).unwrap_err().contains("picks none of the 5 cameras"));
     }
 
-    /// Mutation: `INSTANT` and `views` for an index as for a range (`Unknown`): seen red.
+    /// This test fails if `views` returns `Unknown` for an index.
     #[test]
     fn the_number_of_cameras_is_known_before_a_run_where_it_can_be() {
         let views = |pick: &[&str]| {

@@ -105,7 +105,8 @@ pub(crate) fn light(name: &str, bytes: &[u8], notes: &mut Notes) -> Result<(usiz
     Ok((width, height, linear(name, picture)?))
 }
 
-/// Linear RGB of a picture of light, in the memory of the picture. Partly transparent pixels count by their alpha.
+/// Linear RGB of a picture that stores linear light. Colours stay premultiplied by alpha, which is left out. The
+/// result reuses the memory of a picture with three or four channels.
 pub(crate) fn linear(name: &str, picture: Picture) -> Result<Vec<f32>, Error> {
     let Picture::Linear(Image { width, height, channels, mut samples, .. }) = picture else {
         return Err(Error::format(
@@ -160,10 +161,11 @@ pub(crate) fn straight(pixels: Vec<[f32; 4]>) -> (Vec<f32>, Vec<f32>) {
     (pixels.into_iter().flat_map(colour).collect(), alpha)
 }
 
-/// Number of rows that are rotated by one job.
+/// Number of rows that one job rotates.
 const ROWS: usize = 32;
 
-/// Rotates the pixels of `N` samples by shifting every row to the left: light in front moves to the left.
+/// Rotates a panorama of pixels with `N` samples by shifting every row to the left. Light in front moves to the
+/// left.
 pub(crate) fn turn<const N: usize>(
     pixels: &[[f32; N]],
     width: usize,
@@ -175,7 +177,7 @@ pub(crate) fn turn<const N: usize>(
     Ok(turned)
 }
 
-/// The same as [`turn`], in the memory of the pixels.
+/// Like [`turn`], but rotates the pixels in place.
 pub(crate) fn turn_in_place<const N: usize>(
     pixels: &mut [[f32; N]],
     width: usize,
@@ -232,7 +234,8 @@ mod tests {
         }
     }
 
-    /// Colours with and without alpha, and grey, give RGB. Mutation: `3 * pixel` to `4 * pixel` in `linear`.
+    /// Grey pictures and pictures with colours, both with and without alpha, give RGB. This test fails if
+    /// `3 * pixel` is replaced by `4 * pixel` in `linear`.
     #[test]
     fn light_is_rgb_whatever_channels_the_picture_has() {
         let of = |channels: usize| {

@@ -9,13 +9,13 @@ use glam::DVec3;
 use super::image::{Image, Images, Linear, Picture, samples_difference};
 use super::panorama::{decode_point, decode_up, encode_point, encode_up};
 
-/// A linear picture that an environment can share with an output of type `image`, so that a large panorama is in memory
-/// once.
+/// Linear picture that an environment can share with an output of type `image`, so that a large panorama is in
+/// memory only once.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Light(Arc<Images>);
 
 impl Light {
-    /// The picture as a set of one, named `env`.
+    /// The picture as a set of one picture, named `env`.
     pub fn pictures(&self) -> Arc<Images> {
         self.0.clone()
     }
@@ -39,7 +39,7 @@ impl Deref for Light {
     fn deref(&self) -> &Image<Linear> {
         match self.0.0.first().map(|image| &image.picture) {
             Some(Picture::Linear(image)) => image,
-            _ => unreachable!("it is made of one linear picture"),
+            _ => unreachable!("a `Light` holds one linear picture"),
         }
     }
 }
@@ -48,7 +48,7 @@ impl DerefMut for Light {
     fn deref_mut(&mut self) -> &mut Image<Linear> {
         match Arc::make_mut(&mut self.0).0.first_mut().map(|image| &mut image.picture) {
             Some(Picture::Linear(image)) => image,
-            _ => unreachable!("it is made of one linear picture"),
+            _ => unreachable!("a `Light` holds one linear picture"),
         }
     }
 }

@@ -73,7 +73,7 @@ impl Similarity {
         }
     }
 
-    /// The transform that undoes this one.
+    /// The inverse transform.
     #[must_use]
     pub fn inverse(&self) -> Self {
         let (rotation, scale) = (self.rotation.transpose(), 1.0 / self.scale);

@@ -176,7 +176,8 @@ impl Images {
         Self(vec![NamedImage { name: name.into(), picture: picture.into() }])
     }
 
-    /// Writes the set of one picture, as [`single`](Self::single) followed by `encode` does.
+    /// Encodes a set of one picture. This writes the same bytes as [`single`](Self::single) followed by `encode`,
+    /// without a copy of the picture.
     pub(super) fn encode_single<E: Encoding>(name: &str, image: &Image<E>, to: &mut Encoder) {
         to.u64(1);
         to.str(name);

@@ -236,7 +236,9 @@ pub fn text(survey: &Survey) -> String {
     line(
         "        shadow: ShadowRatio(without: \"clean.without\", with: \"clean.with\", gamma: 0.8, s_min: 0.05, lambda: 1.0),",
     );
-    line("        // What stands before the object in the splats and not in the mesh covers it.");
+    line(
+        "        // Splats in front of the object, where the mesh has no surface, are drawn over the object.",
+    );
     line(&format!(
         "        front:  SplatRender(splats: \"scene\", rig: \"camera\", limit: \"trace.nearest\"{near}),"
     ));

@@ -85,8 +85,7 @@ impl Inspect {
             self.print(&answer)?;
             return self.draw(|| look::of_panorama(&self.file, &bytes));
         }
-        // PLY, glTF and GLB hold splats or a mesh; the error for another file is that of the more likely one.
-        // The loaders read the file themselves.
+        // The loaders read the file again.
         drop(bytes);
         let inspected = splats::load_plain(&self.file, &cx)
             .and_then(|(scene, degree, notes)| Ok((splats_of(&scene, degree, &cx)?, notes)));

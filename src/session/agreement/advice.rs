@@ -1,4 +1,5 @@
-//! Texts of what a comparison found: what was measured, what is likely off, and what to write.
+//! Texts of the findings of a comparison: what was measured, what is probably wrong, and what to change in the
+//! graph.
 
 use engine::Graph;
 use glam::DVec3;
@@ -9,7 +10,7 @@ use nodes::types::frame::{Similarity, world_from_gltf};
 
 use super::{Pair, above};
 
-/// The texts of a pair of splats and mesh.
+/// The findings about a pair of splats and mesh, as text.
 pub fn texts(graph: &Graph, pair: &Pair, found: &Comparison) -> Vec<super::Finding> {
     let name = |node: usize| graph.nodes[node].id.as_str();
     let (splats, mesh) = (name(pair.splats.node), name(pair.mesh.node));
@@ -17,15 +18,15 @@ pub fn texts(graph: &Graph, pair: &Pair, found: &Comparison) -> Vec<super::Findi
     let text = |finding: Finding| match finding {
         Finding::Elsewhere => {
             let measured = format!(
-                "the depths of the splats `{splats}` and of the mesh `{mesh}` agree to {percent:.0} % (at {} points in the \
-                 views and around the object)",
+                "the agreement of the depths of the splats `{splats}` and the mesh `{mesh}` is {percent:.0} %, measured at \
+                 {} points in the views and around the object",
                 found.points
             );
             let text = match &found.best {
                 Some(best) => format!("{measured}; {}", moved(graph, pair, best)),
                 None => format!(
-                    "{measured}, and no factor, turn and shift of the mesh was found at which they do: check that both \
-                     are of the same place, or wire `ExtractMesh` in place of the mesh"
+                    "{measured}; no scale, rotation and shift of the mesh was found that makes them agree: check that \
+                     both show the same place, or use `ExtractMesh` instead of the mesh"
                 ),
             };
             ("mesh-elsewhere", text)
@@ -34,25 +35,26 @@ pub fn texts(graph: &Graph, pair: &Pair, found: &Comparison) -> Vec<super::Findi
             let [shown, known] = found.visible.unwrap_or_default().map(|share| 100.0 * share);
             let cameras: Vec<String> = pair.rigs.iter().map(|rig| format!("`{}`", name(rig.node))).collect();
             let text = format!(
-                "the views of {} show splats at {shown:.1} % and the mesh at {known:.1} % of their pixels, and both agree to \
-                 {percent:.0} % around the object: likely the cameras are off; `matrix` or `dataparser` of `LoadCameras` \
-                 transforms them to the frame of the splats",
+                "the views of {} show the splats at {shown:.1} % of their pixels and the mesh at {known:.1} %, but around \
+                 the object the agreement of splats and mesh is {percent:.0} %: the frame of the cameras is probably \
+                 wrong; `matrix` or `dataparser` of `LoadCameras` transforms the cameras to the frame of the splats",
                 cameras.join(", ")
             );
             ("cameras-elsewhere", text)
         }
         Finding::Debris => {
             let text = format!(
-                "parts of the mesh `{mesh}` float in front of what the splats `{splats}` show, at {}: they throw shadows and \
-                 hide the object; remove them from the mesh, or wire `ExtractMesh` in its place",
+                "parts of the mesh `{mesh}` float in front of the surfaces that the splats `{splats}` show. They cover {}. \
+                 They cast shadows and may hide the object: remove them from the mesh, or use `ExtractMesh` instead of \
+                 the mesh",
                 place(&found.debris)
             );
             ("mesh-debris", text)
         }
         Finding::Missing => {
             let text = format!(
-                "the mesh `{mesh}` lacks surfaces that the splats `{splats}` show, at {}: they receive no shadow and reflect \
-                 no light; use a mesh that has them, or wire `ExtractMesh` in its place",
+                "the mesh `{mesh}` lacks surfaces that the splats `{splats}` show. They cover {}. They receive no shadows \
+                 and reflect no light: use a mesh that has them, or use `ExtractMesh` instead of the mesh",
                 place(&found.missing)
             );
             ("mesh-incomplete", text)
@@ -61,7 +63,7 @@ pub fn texts(graph: &Graph, pair: &Pair, found: &Comparison) -> Vec<super::Findi
     found.findings().into_iter().map(text).collect()
 }
 
-/// Where parts are and how large they are.
+/// How large the regions are and where they are, as text.
 fn place(regions: &Regions) -> String {
     let views = if regions.view.is_empty() {
         "the views around the object".to_owned()
@@ -69,10 +71,10 @@ fn place(regions: &Regions) -> String {
         format!("the view `{}`", regions.view)
     };
     let percent = 100.0 * regions.share;
-    format!("{percent:.1} % of the pixels of {views}, the largest near {}", vector(regions.at))
+    format!("{percent:.1} % of the pixels of {views}; the largest part is near {}", vector(regions.at))
 }
 
-/// The transform at which splats and mesh agree, and the parameter that applies it.
+/// The transform with which splats and mesh agree, and the parameter that applies it, as text.
 fn moved(graph: &Graph, pair: &Pair, best: &Moved) -> String {
     let (by, wire, input, kind, what) = match best.likely {
         Likely::Mesh => (best.by, pair.mesh, "mesh", "load-mesh", "mesh"),
@@ -100,17 +102,20 @@ fn moved(graph: &Graph, pair: &Pair, best: &Moved) -> String {
         }
         _ => format!("transform the {what} by the matrix {}", rows(&by)),
     };
-    format!("{} they agree to {percent:.0} %: likely the {what} is off; {advice}", change(&by, what, best))
+    format!(
+        "{}, the agreement is {percent:.0} %: the frame of the {what} is probably wrong; {advice}",
+        change(&by, what, best)
+    )
 }
 
-/// True if two transforms are the same to the accuracy of the search.
+/// True if two transforms are equal within the accuracy of the search.
 fn near(a: &Similarity, b: &Similarity) -> bool {
     let off = a.rotation - b.rotation;
     let turned = off.x_axis.length().max(off.y_axis.length()).max(off.z_axis.length());
     turned < 1e-6 && (a.scale / b.scale - 1.0).abs() < 0.03 && b.offset.length() < 1e-9
 }
 
-/// A transform in words.
+/// A transform of the mesh or the splats, as text.
 fn change(by: &Similarity, what: &str, best: &Moved) -> String {
     let mut parts = Vec::new();
     if (by.scale - 1.0).abs() > 1e-9 {
@@ -121,7 +126,7 @@ fn change(by: &Similarity, what: &str, best: &Moved) -> String {
         let axis = DVec3::new(r.y_axis.z - r.z_axis.y, r.z_axis.x - r.x_axis.z, r.x_axis.y - r.y_axis.x);
         let about =
             if axis.length() > 1e-6 { format!(" about {}", vector(axis.normalize())) } else { String::new() };
-        parts.push(format!("turned by {:.0} degrees{about}", best.turn_deg));
+        parts.push(format!("rotated by {:.0} degrees{about}", best.turn_deg));
     }
     if by.offset != DVec3::ZERO {
         parts.push(format!("shifted by {}", vector(by.offset)));
@@ -129,7 +134,7 @@ fn change(by: &Similarity, what: &str, best: &Moved) -> String {
     format!("with the {what} {}", parts.join(" and "))
 }
 
-/// The numbers of a matrix as a graph writes them.
+/// A matrix in the notation of graphs.
 fn rows(by: &Similarity) -> String {
     let smallest = 1e-9 * by.scale.max(by.offset.length());
     let one = |value: &f64| if value.abs() < smallest { "0.0".to_owned() } else { digits(*value, 6) };
@@ -142,7 +147,7 @@ fn vector(v: DVec3) -> String {
     format!("({x}, {y}, {z})")
 }
 
-/// A number with this many significant digits, and a decimal point.
+/// A number with `count` significant digits and a decimal point.
 fn digits(value: f64, count: usize) -> String {
     let mut decimals = count;
     let mut size = value.abs();

@@ -1,4 +1,4 @@
-//! Splats in front of an inserted object, by the pictures of a run.
+//! Finds splats in front of an inserted object, by the pictures of a run.
 
 use std::collections::BTreeSet;
 
@@ -8,13 +8,17 @@ use nodes::types::{Images, Picture};
 
 use super::{Finding, of_kind, wires};
 
-/// Maximum number of compared pairs of a picture of splats and a trace. Only the first view of each is compared.
+/// Maximum number of pairs that are compared, each of a picture of splats and a trace. This bounds the time of the
+/// check. Only the first view of each pair is compared.
 const MOST_PAIRS: usize = 4;
-/// Minimum share of the pixels of an object at which splats in front of it are reported. Splats are wider than the
-/// mesh that they agree with: along the edge of a post before an object they covered 11 % of it.
+/// Splats in front of an object are reported if they cover at least this share of its pixels. A smaller share is
+/// normal, because splats are wider than the mesh that they agree with: along the edge of a post in front of an
+/// object, they covered 11 % of the object.
 const LEAST: f64 = 0.2;
 
-/// Compares each picture of splats with each trace of the same cameras, if this run computed one of them.
+/// Compares each picture of splats with each trace of the same cameras. `ran` has the names of the nodes that this
+/// run computed. A pair without any of them is skipped, since an earlier run reported its findings. Pairs whose
+/// values are not in the cache are left out.
 pub fn findings(engine: &Engine, graph: &Graph, ran: &BTreeSet<String>) -> Vec<Finding> {
     let is_new = |node: usize| ran.contains(graph.nodes[node].id.as_str());
     let new = pairs(graph).into_iter().filter(|&(splats, trace)| is_new(splats) || is_new(trace));
@@ -22,9 +26,9 @@ pub fn findings(engine: &Engine, graph: &Graph, ran: &BTreeSet<String>) -> Vec<F
         let share = of_pair(engine, graph, splats, trace).filter(|share| *share >= LEAST)?;
         let [a, b] = [splats, trace].map(|node| &graph.nodes[node].id);
         let text = format!(
-            "`{a}` and `{b}`: splats are in front of the object at {:.0} % of its pixels, where the mesh of the place has \
-             nothing: the object is drawn over them. To draw them over the object, wire `{b}.nearest` to `limit` of a \
-             second `SplatRender`, and that to `front` of `Composite`",
+            "`{a}` and `{b}`: splats are in front of the object at {:.0} % of its pixels, but the object is drawn over \
+             them, because the mesh of the place has no surface there. To draw these splats over the object, wire \
+             `{b}.nearest` to `limit` of a second `SplatRender`, and its picture to `front` of `Composite`",
             100.0 * share
         );
         Some(("splats-before-object", text))
@@ -51,7 +55,7 @@ fn pairs(graph: &Graph) -> Vec<(usize, usize)> {
     pairs
 }
 
-/// Share of the object's pixels behind splats, in the first view of a pair.
+/// Share of the object pixels with splats in front of the object, in the first view of a pair.
 fn of_pair(engine: &Engine, graph: &Graph, splats: usize, trace: usize) -> Option<f64> {
     let picture = |node: usize, output: &str| -> Option<Picture> {
         let port = graph.nodes[node].kind.outputs.iter().position(|port| port.name == output)?;

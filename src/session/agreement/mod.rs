@@ -1,4 +1,4 @@
-//! A check after a run: whether the splats, the mesh and the cameras of a place agree.
+//! Checks after a run whether the splats, the mesh and the cameras of a place agree.
 
 mod advice;
 mod before_object;
@@ -14,17 +14,18 @@ use nodes::types::{Mesh, Placed, Rig, Splats};
 
 use super::wires;
 
-/// Maximum number of compared places, and of pairs of pictures, which bounds the time of the check.
+/// Maximum number of pairs of splats and mesh that are compared. This bounds the time of the check.
 const MOST_PLACES: usize = 2;
-/// Maximum number of rigs and of objects of a place.
+/// Maximum number of rigs, and of objects, that are considered for each pair.
 const MOST_INPUTS: usize = 3;
-/// Kinds that make the mesh of a place from its splats, so that it cannot be elsewhere.
+/// Kinds that make the mesh of a place from its splats. Such a mesh is always in the frame of the splats.
 const MADE_OF_SPLATS: [&str; 2] = ["extract-mesh", "plane"];
 
-/// Finding: its id, and its text with the names of the nodes.
+/// A finding: its id, and a text that names the nodes.
 pub type Finding = (&'static str, String);
 
-/// Splats and a mesh that are rendered together.
+/// Splats and a mesh that are rendered with the same cameras, and the wires of these cameras and of the inserted
+/// objects.
 #[derive(Debug, PartialEq)]
 struct Pair {
     splats: Wire,
@@ -33,9 +34,9 @@ struct Pair {
     objects: Vec<Wire>,
 }
 
-/// Checks the places of a graph whose splats, mesh or cameras this run computed: `ran` holds the names of the nodes
-/// that ran. Findings about cached results were reported by the run that computed them. Values that are not in the
-/// cache are left out.
+/// Checks the pairs of splats and mesh of a graph. `ran` has the names of the nodes that this run computed. A pair
+/// is skipped if this run computed neither its splats nor its mesh nor its cameras, since an earlier run reported
+/// its findings. Values that are not in the cache are left out.
 pub fn findings(engine: &Engine, graph: &Graph, ran: &BTreeSet<String>) -> Vec<Finding> {
     let is_new = |wire: &Wire| ran.contains(graph.nodes[wire.node].id.as_str());
     let mut found = Vec::new();
@@ -57,17 +58,17 @@ fn is_made_of_splats(graph: &Graph, mesh: usize) -> bool {
     above(graph, mesh, "mesh").any(|node| MADE_OF_SPLATS.contains(&graph.nodes[node].kind.name))
 }
 
-/// A node and those above it along the first wire of an input.
+/// The given node, the node of the first wire of its input `input`, and so on upstream.
 fn above<'a>(graph: &'a Graph, node: usize, input: &'a str) -> impl Iterator<Item = usize> + 'a {
     std::iter::successors(Some(node), move |&node| wires(graph, node, input).first().map(|wire| wire.node))
 }
 
-/// Nodes of a kind.
+/// Indices of the nodes of a kind.
 fn of_kind<'a>(graph: &'a Graph, kind: &'a str) -> impl Iterator<Item = usize> + 'a {
     (0..graph.nodes.len()).filter(move |&node| graph.nodes[node].kind.name == kind)
 }
 
-/// The splats and receivers that are rendered by the same cameras, each pair once.
+/// Pairs of splats and a receiver that are rendered with the same cameras. Each pair is listed once.
 fn pairs(graph: &Graph) -> Vec<Pair> {
     let mut pairs: Vec<Pair> = Vec::new();
     for trace in of_kind(graph, "path-trace") {
@@ -96,7 +97,8 @@ fn pairs(graph: &Graph) -> Vec<Pair> {
     pairs
 }
 
-/// Compares splats and mesh in the views of the cameras and around the objects.
+/// Compares splats and mesh in the views of the cameras and around the objects. Returns `None` if a value is not in
+/// the cache or there is nothing to compare.
 fn of_pair(engine: &Engine, graph: &Graph, pair: &Pair) -> Option<Comparison> {
     let splats = engine.value::<Splats>(graph, pair.splats)?;
     let mesh = engine.value::<Mesh>(graph, pair.mesh)?;
@@ -116,7 +118,7 @@ fn of_pair(engine: &Engine, graph: &Graph, pair: &Pair) -> Option<Comparison> {
     compare(&place, &super::splats::context(up)).ok()?
 }
 
-/// Middle of the box around an object in the world.
+/// Middle of the bounding box of an object in the world.
 fn middle(placed: &Placed) -> Option<DVec3> {
     let all = corners(placed).map(|p| (p, p)).reduce(|(low, high), (p, _)| (low.min(p), high.max(p)));
     all.map(|(low, high)| (low + high) * 0.5)

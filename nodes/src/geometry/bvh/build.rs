@@ -15,11 +15,11 @@ use super::{Bvh, LEAF, LEAF_SHIFT, Node, STACK, WIDE};
 /// per pass, so its time is quadratic in their number.
 const CROWD: usize = 1024;
 
-/// Number of triangles above which a tree is built in pieces, on several threads.
+/// Number of triangles above which a tree is built from pieces, on several threads.
 const LARGE: usize = 200_000;
-/// Number of triangles that are prepared by one job.
+/// Number of triangles that one job prepares.
 const PIECE: usize = 1 << 16;
-/// Greatest number of levels of the tree above the pieces.
+/// Maximum number of levels of the tree above the pieces.
 const UPPER: usize = 16;
 
 impl Bvh {
@@ -29,8 +29,8 @@ impl Bvh {
         Self::built(None, corners).unwrap_or_default()
     }
 
-    /// The same tree as [`build`](Self::build), on the threads of a node. A large tree consists of pieces whose
-    /// number does not depend on the number of threads.
+    /// Builds the same tree as [`build`](Self::build), on the threads of a node. A large tree consists of pieces,
+    /// whose number does not depend on the number of threads.
     ///
     /// # Errors
     /// If the run is cancelled.
@@ -71,13 +71,15 @@ impl Bvh {
         Ok(bvh)
     }
 
-    /// Puts built pieces below the nodes of a binary tree, whose leaves are their numbers.
+    /// Appends finished pieces below the nodes of a binary tree. The leaves of `tree` are the indices of the
+    /// pieces.
     fn join(&mut self, pieces: Vec<Self>, tree: &[Branch]) {
         let boxes: Vec<_> = pieces.iter().map(|piece| piece.bounds.unwrap_or_default()).collect();
         let order: Vec<u32> = (0..pieces.len() as u32).collect();
         let counts: Vec<u32> = pieces.iter().map(|piece| piece.nodes.len() as u32).collect();
         let mut top = Fold { corners: &[], kept: &[], boxes: &boxes, out: std::mem::take(self) };
-        // The number of nodes above the pieces is known only at the end; until then a child is the number of a piece.
+        // The index of the first node of a piece depends on the number of nodes above the pieces, which is known
+        // only after the fold. Until then, a child holds the index of the piece.
         top.fold_onto(tree, &order, Opens::Fewest, |_, piece| LEAF | piece[0]);
         *self = top.out;
         let above = self.nodes.len() as u32;
@@ -101,7 +103,7 @@ impl Bvh {
             let packets = self.packets.len() as u32;
             self.nodes.extend(piece.nodes.into_iter().map(|mut node| {
                 for child in &mut node.children {
-                    // The first packet stands in the lowest bits.
+                    // The index of the first packet is in the lowest bits.
                     *child += if *child & LEAF == 0 { start } else { packets };
                 }
                 node
@@ -111,7 +113,7 @@ impl Bvh {
     }
 }
 
-/// The triangles of a piece that can be hit.
+/// The triangles of a piece that can be hit, and the number of the other triangles.
 struct Sifted {
     kept: Vec<u32>,
     boxes: Vec<(Vec3, Vec3)>,
@@ -120,7 +122,7 @@ struct Sifted {
 }
 
 impl Sifted {
-    /// Sifts the triangles from index `first` on.
+    /// Selects triangles from `corners`. `first` is the index of its first triangle in the mesh.
     fn of(corners: &[[Vec3; 3]], first: usize) -> Self {
         let (kept, boxes) = (Vec::with_capacity(corners.len()), Vec::with_capacity(corners.len()));
         let mut sifted = Self { kept, boxes, broken: 0, degenerate: 0 };
@@ -174,7 +176,7 @@ pub(super) struct Fold<'a> {
 }
 
 impl Fold<'_> {
-    /// Builds the tree, of at most `deepest` levels. `is_piece` is true for a piece of a large tree.
+    /// Builds a tree of at most `deepest` levels. `is_piece` is true for a piece of a large tree.
     pub(super) fn built(mut self, deepest: usize, is_piece: bool) -> Bvh {
         // Each level except the last leaves all children but one waiting.
         if most_in_one_place(self.boxes) > CROWD || self.build_tree(is_piece) > deepest {
@@ -188,10 +190,10 @@ impl Fold<'_> {
         self.out
     }
 
-    /// Depth of the folded tree.
+    /// Builds the tree and returns its depth. `large` is true for a piece of a large tree.
     fn build_tree(&mut self, large: bool) -> usize {
-        // "Very slow" without splits; large meshes get the cheaper reinsertion. A search depth of 1 keeps rays fast
-        // in meshes of mixed triangle sizes.
+        // The parameters of the preset "very slow", without splits and with cheaper reinsertion for large meshes. A
+        // search depth of 1 keeps rays fast in meshes of mixed triangle sizes.
         let params = BvhBuildParams {
             pre_split: false,
             ploc_search_distance: PlocSearchDistance::Medium,
@@ -221,7 +223,7 @@ impl Fold<'_> {
         self.fold_onto(tree, order, opens, Self::leaf)
     }
 
-    /// Like [`fold`](Self::fold), with the children that stand for the items of a leaf.
+    /// Like [`fold`](Self::fold). `leaf` returns the child that stands for the items of a leaf.
     fn fold_onto(
         &mut self,
         tree: &[Branch],
@@ -229,7 +231,7 @@ impl Fold<'_> {
         opens: Opens,
         leaf: impl Fn(&mut Self, &[u32]) -> u32,
     ) -> usize {
-        // Boxes and triangles of every branch, children before parents by an explicit walk.
+        // Boxes and numbers of triangles of every branch, children before parents, by an explicit stack.
         let mut bounds = vec![(Vec3::INFINITY, Vec3::NEG_INFINITY); tree.len()];
         let mut counts = vec![0; tree.len()];
         let mut visit = vec![(0_u32, false)];

@@ -1,4 +1,4 @@
-//! Division of the triangles of a large tree into pieces, by the surface area heuristic over bins.
+//! Divides the triangles of a large tree into pieces, by the surface area heuristic with bins.
 //!
 //! The pieces depend on the triangles alone, so a tree is the same for any number of threads.
 
@@ -9,18 +9,18 @@ use super::collapse::Branch;
 
 /// Number of bins along each axis.
 const BINS: usize = 32;
-/// Number of pieces into which all triangles are divided, about.
+/// Approximate number of pieces into which all triangles are divided.
 const PIECES: usize = 32;
-/// Smallest share of the items that a division leaves on a side, so that the number of levels is limited.
+/// Reciprocal of the minimum share of the items that each side of a division has. This limits the number of levels.
 const LEAST: usize = 5;
-/// Greatest number of levels of divisions: `0.8^16 < 1 / PIECES`.
+/// Maximum number of levels of divisions. It is sufficient, since `0.8^16 < 1 / PIECES`.
 const MOST_LEVELS: usize = 16;
 
 /// The pieces of a large tree, and the binary tree above them.
 pub(super) struct Division {
-    /// Indices of boxes in each piece, ascending.
+    /// Indices of the boxes of each piece, ascending.
     pub pieces: Vec<Vec<u32>>,
-    /// The tree, whose leaves are the numbers of pieces; the root is the first branch.
+    /// The tree. Its leaves are the indices of the pieces, and its root is the first branch.
     pub tree: Vec<Branch>,
 }
 
@@ -37,7 +37,8 @@ fn surface((low, high): Box3) -> f32 {
     if size.min_element() < 0.0 { 0.0 } else { size.x * size.y + size.y * size.z + size.z * size.x }
 }
 
-/// Calls `f` for every index below `n`, on the threads of a node if there are any, with the results in order.
+/// Calls `f` for every index below `n` and returns the results in order. With a context, the calls are distributed
+/// over the threads of the node.
 pub(crate) fn each<T: Send>(
     cx: Option<&Context>,
     n: usize,
@@ -49,7 +50,7 @@ pub(crate) fn each<T: Send>(
     }
 }
 
-/// Divides boxes into pieces, level by level: the pieces of a level are divided on several threads.
+/// Divides boxes into pieces, level by level. The parts of a level are divided in parallel.
 ///
 /// # Errors
 /// If the run is cancelled.
@@ -57,7 +58,7 @@ pub(super) fn divide(cx: Option<&Context>, boxes: &[Box3]) -> Result<Division, N
     let most = boxes.len().div_ceil(PIECES);
     let mut tree = vec![Branch::Leaf { first: 0, count: 1 }];
     let mut pieces = Vec::new();
-    // Branches of the current level, with their items.
+    // Indices of the branches of the current level, and their items.
     let mut open = vec![(0_usize, (0..boxes.len() as u32).collect::<Vec<u32>>())];
     for _ in 0..MOST_LEVELS {
         let (large, small): (Vec<_>, Vec<_>) = open.into_iter().partition(|(_, items)| items.len() > most);
@@ -79,14 +80,15 @@ pub(super) fn divide(cx: Option<&Context>, boxes: &[Box3]) -> Result<Division, N
     Ok(Division { pieces, tree })
 }
 
-/// Makes a branch a leaf.
+/// Turns a branch into a leaf with a new piece.
 fn close(branch: usize, items: Vec<u32>, tree: &mut [Branch], pieces: &mut Vec<Vec<u32>>) {
     tree[branch] = Branch::Leaf { first: pieces.len() as u32, count: 1 };
     pieces.push(items);
 }
 
-/// Two sides of some items, each with at least a fifth of them: the bins of the axis with the smallest sum of
-/// surface times number, or the halves along the widest axis if no such bins exist.
+/// Divides items into two sides, each with at least a fifth of the items. Of all borders between bins, the one with
+/// the lowest cost is used: the sum over both sides of surface area times number of items. If no border is possible,
+/// the items are halved along the widest axis.
 fn halved(boxes: &[Box3], items: &[u32]) -> [Vec<u32>; 2] {
     let centre = |item: u32| boxes[item as usize].0 + boxes[item as usize].1;
     let (low, high) = items.iter().fold(EMPTY, |all, &item| joined(all, (centre(item), centre(item))));
@@ -110,7 +112,7 @@ fn halved(boxes: &[Box3], items: &[u32]) -> [Vec<u32>; 2] {
         for at in 1..BINS {
             left = (joined(left.0, bins[at - 1].0), left.1 + bins[at - 1].1);
             let cost = surface(left.0) * left.1 as f32 + surface(right[at].0) * right[at].1 as f32;
-            // The first among equals.
+            // Of equal costs, the first one counts.
             let fewest = left.1.min(right[at].1);
             if fewest * LEAST >= items.len() && best.is_none_or(|(least, ..)| cost < least) {
                 best = Some((cost, axis, at));

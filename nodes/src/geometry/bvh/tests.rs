@@ -277,11 +277,12 @@ fn hits_do_not_depend_on_the_tree() {
     }
 }
 
-/// A large tree, which consists of pieces, gives the hits of a tree in one piece, is the same on any threads, and
-/// takes hardly more steps. Mutation: `start` left out of `join`, seen red; `right[at]` for `left` in `halved`.
+/// A large tree, which consists of pieces, gives the same hits as a tree in one piece, with hardly more steps. It
+/// does not depend on the number of threads. This test fails if `join` does not add `start`, or if `halved` uses
+/// `right[at]` in place of `left`.
 #[test]
 fn a_tree_of_pieces_gives_the_same_hits() {
-    // Triangles of mixed sizes, with some that are broken and some at one place.
+    // Triangles of mixed sizes, of which some are broken and some are equal.
     let mut random = Random(31);
     let mut corners = soup(240_000, 0.01, 17);
     for (index, triangle) in corners.iter_mut().enumerate() {

@@ -80,8 +80,8 @@ fn sorted(scale: [f32; 3]) -> [f64; 3] {
     scale
 }
 
-/// Computes the summary of a scene. Harmonics above degree 0 are not read, so `sh_degree` is that of the scene that
-/// is summarised, which may be larger than that of `splats`.
+/// Computes the summary of a scene. `splats` may lack the harmonics above degree 0, which are not used; `sh_degree`
+/// is the degree of the harmonics of the scene.
 pub fn inspect(splats: &Splats, sh_degree: u32, cx: &Context) -> Result<Inspection, NodeError> {
     let mut found = Inspection {
         splats: splats.len(),

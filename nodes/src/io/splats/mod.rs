@@ -55,7 +55,8 @@ pub(crate) struct Reading<'a> {
     pub(crate) max_extent: f64,
     /// The additional transform in the world that the user requested.
     pub(crate) matrix: Similarity,
-    /// True to keep only the mean of each colour over all directions, which takes a quarter of the memory.
+    /// True to drop the harmonics above degree 0, so that only the mean of each colour over all directions is kept.
+    /// Splats of degree 3 then take a quarter of the memory.
     pub(crate) plain: bool,
 }
 
@@ -105,9 +106,9 @@ pub(crate) struct Loaded {
     parts: Vec<Part>,
     /// Number of rows of the file, including dropped ones.
     count: usize,
-    /// Degree of the harmonics that were kept.
+    /// Degree of the harmonics in memory.
     sh_degree: u32,
-    /// Degree of the harmonics of the file.
+    /// Degree of the harmonics in the file.
     pub(crate) stored_degree: u32,
     antialiased: bool,
     encoding: SplatEncoding,

@@ -21,7 +21,7 @@ pub struct Part {
     pub first_fault: Option<(usize, RowFault)>,
     /// True if a centre has more digits than f32 holds.
     pub finer: bool,
-    /// True if only the first triple of each colour was kept: the mean over all directions.
+    /// True if only the first triple of each colour was kept, which is the mean over all directions.
     pub plain: bool,
 }
 
@@ -32,8 +32,8 @@ fn all_finite(values: &[f32]) -> bool {
 }
 
 /// Reads `count` rows in parallel with `read(index, sh)`, which appends the colour of a row; for a row with an
-/// error it may leave a partial colour. `first` is the index of the first row in the file. With `plain`, only the first
-/// triple of each colour is kept.
+/// error it may leave a partial colour. `first` is the index of the first row in the file. If `plain` is true, only
+/// the first triple of each colour is kept.
 pub fn read_rows(
     first: usize,
     count: usize,

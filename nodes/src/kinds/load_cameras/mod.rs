@@ -60,9 +60,10 @@ engine::params! {
     pub struct LoadCameras {
         /// The file, or the folder of a COLMAP model.
         path: InputFile, other("\"b.json\"");
-        /// Cameras to load, in this order: names or paths of pictures, with wildcards `*` and `?`, or ranges of
-        /// indices from 0 such as `2..5`, or `0..400..8` for every eighth, or an index. The default is all cameras. For one
-        /// camera after the other, in the memory of one, load all of them and pick one in a node of `pick-cameras`.
+        /// Cameras to load, in this order. An entry is the name or the path of a picture, with the wildcards `*`
+        /// and `?`; a range of indices from 0, such as `2..5`, or `0..400..8` for every eighth camera; or a single
+        /// index. The default is all cameras. To render one camera after the other, so that memory does not grow
+        /// with their number, load all cameras and pick one with `pick-cameras`.
         pick: Vec<Pick> = Vec::new(), other("[\"0..1\"]");
         /// Name of the list in lightharmony's own JSON format.
         list: String = "views".to_owned(), other("\"cube_faces\""), inert("only lightharmony's own JSON has lists");
@@ -139,7 +140,7 @@ impl Kind for LoadCameras {
         if let Some(count) = count_of(&p.pick) {
             return ViewCount::Known(count);
         }
-        // The images of a binary model may fill gigabytes, and their number comes first.
+        // The list of images of a binary model may fill gigabytes, but begins with their number.
         if p.pick.is_empty()
             && let Some(count) = images_of(p, root)
         {
@@ -237,8 +238,8 @@ fn is_gltf(path: &InputFile) -> bool {
     lower.ends_with(".glb") || lower.ends_with(".gltf")
 }
 
-/// Number of images of a binary COLMAP model, from its first bytes; `None` for other files and for a number beyond
-/// the limit of cameras.
+/// Number of images of a binary COLMAP model, from the first bytes of its file; `None` for other files, and if the
+/// number exceeds the limit on cameras.
 fn images_of(p: &LoadCameras, root: &SourceRoot) -> Option<usize> {
     if is_json(&p.path) || is_gltf(&p.path) {
         return None;
@@ -250,7 +251,7 @@ fn images_of(p: &LoadCameras, root: &SourceRoot) -> Option<usize> {
     usize::try_from(u64::from_le_bytes(count)).ok().filter(|count| (1..=CAMERA_LIMIT).contains(count))
 }
 
-/// Sets of files that a path other than `.json` may stand for, in order of preference.
+/// Sets of files that a path may stand for if it is not a JSON file, in order of preference.
 fn candidates(path: &InputFile) -> Vec<Vec<InputFile>> {
     let folder = match path.0.rsplit_once('/') {
         Some((folder, file)) if is_part(file) => folder,
@@ -384,7 +385,8 @@ fn view_name(picture: &str, folders: usize) -> String {
     if name.is_empty() || name == ".." { "camera".to_owned() } else { name }
 }
 
-/// Number of chosen cameras, if all are chosen by index, so that it does not depend on the file.
+/// Number of chosen cameras if each entry is a single index and no index is repeated; the number does then not
+/// depend on the file. `None` otherwise.
 pub(super) fn count_of(wishes: &[Pick]) -> Option<usize> {
     let index = |Pick(wish): &Pick| range(wish).filter(|(start, end, _)| start.checked_add(1) == Some(*end));
     let indices: BTreeSet<usize> = wishes.iter().map(|wish| Some(index(wish)?.0)).collect::<Option<_>>()?;

@@ -14,11 +14,12 @@ const GRID: u32 = 24;
 /// outwards, its floor faces down and its ceiling is the next surface that faces up.
 const SHELL: f64 = 2.0;
 
-/// Number of triangles that are searched by one job.
+/// Number of triangles that one job searches.
 const PIECE: usize = 1 << 16;
 
-/// Triangles of a mesh above and below an object, with their tree, relative to the middle of a foot at the height of
-/// its base. All rays are vertical and within the width of the object, so no other triangle can be hit.
+/// Triangles of a mesh above and below an object, and their tree. Coordinates are relative to the middle of a foot
+/// at the height of its base. All rays are vertical and within the width of the object, so they can hit no other
+/// triangle.
 pub(super) struct Ground {
     pub(super) around: DVec3,
     pub(super) corners: Vec<[Vec3; 3]>,
@@ -43,7 +44,8 @@ impl Ground {
         Self::within(mesh, around, Foot::axes(up), widest(foot, around), cx)
     }
 
-    /// The triangles that come within `half` of the vertical line through `around`, along both horizontal axes.
+    /// Selects the triangles whose distance from the vertical line through `around` is at most `half` along each of
+    /// the two horizontal axes.
     fn within(
         mesh: &Mesh,
         around: DVec3,
@@ -158,8 +160,8 @@ impl Ground {
     }
 }
 
-/// Half the width of the region of all rays: that of the foot, and of the object however it is rotated about the
-/// middle of its foot, with a margin for rounding.
+/// Half the width of the region that holds all rays, with a margin for rounding. The region contains the foot, and
+/// the object at any rotation about the middle of its foot.
 fn widest(foot: &Foot, around: DVec3) -> f64 {
     let [low, high] = [foot.low - around, foot.high - around];
     let reach = low.abs().max(high.abs()).length();
@@ -186,7 +188,8 @@ mod tests {
     use super::*;
     use crate::testing::context;
 
-    /// A rough ground of 40 by 40 units in squares of a quarter, with a step and a few needles across all of it.
+    /// Rough ground of 40 by 40 units in squares of 0.25 units, with a step, and with a few thin triangles across
+    /// all of it.
     fn ground() -> Mesh {
         let side = 161_u32;
         let height = |i: u32, j: u32| 0.02 * ((i * 7 + j * 13) % 11) as f32 + if i > 83 { 0.3 } else { 0.0 };
@@ -207,8 +210,8 @@ mod tests {
         mesh
     }
 
-    /// The triangles near an object give the same columns as all triangles, and are few. Mutation: `1.001` to `0.5`
-    /// in `widest`, and `half` to `0.9 * half` in `within`: seen red.
+    /// The triangles near an object are few and give the same columns as all triangles. This test fails if `1.001`
+    /// is replaced by `0.5` in `widest`, or `half` by `0.9 * half` in `within`.
     #[test]
     fn triangles_that_no_ray_can_hit_are_left_out() {
         let (mesh, cx, up) = (ground(), context(), DVec3::Z);
@@ -232,7 +235,7 @@ mod tests {
         };
         assert_eq!(columns(&some), columns(&all));
         assert!(columns(&some).0.len() > 500);
-        // A ray at the farthest corner of the object, in whatever direction it was rotated.
+        // Rays through the farthest corner of the object, at many rotations.
         let reach = corner.length();
         for k in 0..64 {
             let (sin, cos) = crate::math::num::sin_cos(f64::from(k) / 64.0 * std::f64::consts::TAU);

@@ -1,4 +1,4 @@
-//! Points of a mesh, spread evenly over its area, and the nearest of them.
+//! Points on a mesh, distributed evenly over its area, with a search for the nearest one.
 
 use glam::DVec3;
 
@@ -8,34 +8,35 @@ use crate::types::frame::Similarity;
 
 /// Number of points.
 const POINTS: usize = 24_000;
-/// Number of points of a leaf of the tree.
+/// Maximum number of points in a leaf of the tree.
 const LEAF: usize = 8;
 
-/// Points of a mesh with their normals, in a tree.
+/// Points on a mesh with their normals, in a tree.
 pub(super) struct Cloud {
-    /// Points and unit normals, in the order of the tree: each range is divided at its middle, along its widest axis.
+    /// Points and unit normals, in the order of the tree: each range of points is divided at its middle index,
+    /// along its widest axis.
     pub points: Vec<(DVec3, DVec3)>,
-    /// Axis and coordinate of the plane that divides each range, at its middle.
+    /// Axis and coordinate of the plane that divides a range, at the middle index of the range.
     planes: Vec<(u8, f64)>,
     /// Box around the points.
     bounds: [DVec3; 2],
-    /// Mean distance of neighbours, in the unit of the mesh.
+    /// Mean distance between neighbouring points, in units of the mesh.
     pub spacing: f64,
     /// Median of the points along each axis.
     pub middle: DVec3,
-    /// Median distance of the points from the middle.
+    /// Median distance of the points from `middle`.
     pub radius: f64,
 }
 
-/// A placed cloud.
+/// A cloud that is placed in the world.
 pub(super) struct Placed<'a> {
     pub cloud: &'a Cloud,
-    /// World from mesh.
+    /// Transform from the mesh to the world.
     pub at: Similarity,
 }
 
 impl Cloud {
-    /// Points of a mesh; `None` if it has no area.
+    /// Samples points on a mesh. Returns `None` if the mesh has no area.
     pub fn of(mesh: &Mesh) -> Option<Self> {
         let corners = |triangle: &[u32; 3]| triangle.map(|i| mesh.position(i));
         let cross = |[a, b, c]: [DVec3; 3]| (b - a).cross(c - a);
@@ -80,7 +81,7 @@ impl Cloud {
         Some(Self { spacing: (area / points.len() as f64).sqrt(), points, planes, bounds, middle, radius })
     }
 
-    /// Box that holds nearly all points: one of 2000 is beyond each side.
+    /// Corners of a box that holds nearly all points: one point in 2000 is beyond each side.
     pub fn extents(&self) -> [DVec3; 2] {
         let beyond = self.points.len() / 2000;
         let bounds = [0, 1, 2].map(|axis| {
@@ -91,11 +92,12 @@ impl Cloud {
         [0, 1].map(|side| DVec3::from_array(bounds.map(|bound| bound[side])))
     }
 
-    /// The index of the nearest point within a distance.
+    /// Index of the point nearest to `to`; `None` if no point is within the distance `within`.
     pub fn nearest(&self, to: DVec3, within: f64) -> Option<usize> {
         let (mut best, mut square) = (None, within * within);
         let [low, high] = self.bounds;
-        // Ranges that wait, with the least distance along each axis. Their number is below the depth of the tree.
+        // Ranges that are still to be searched, with their minimum distance along each axis. There are never more
+        // than the depth of the tree.
         let mut waiting = [(0_usize, 0_usize, DVec3::ZERO); 40];
         let mut count = 1;
         waiting[0] = (0, self.points.len(), (low - to).max(to - high).max(DVec3::ZERO));
@@ -134,20 +136,20 @@ impl Cloud {
     }
 }
 
-/// The upper median of some numbers, at least one.
+/// Upper median of the values, of which there must be at least one.
 fn upper_median(values: impl Iterator<Item = f64>) -> f64 {
     let mut values: Vec<f64> = values.collect();
     let half = values.len() / 2;
     *values.select_nth_unstable_by(half, f64::total_cmp).1
 }
 
-/// Box around some points, at least one.
+/// Box around the points, of which there must be at least one.
 fn bounds(points: &[(DVec3, DVec3)]) -> [DVec3; 2] {
     let first = points[0].0;
     points.iter().fold([first, first], |[low, high], (p, _)| [low.min(*p), high.max(*p)])
 }
 
-/// Sorts points into the tree.
+/// Sorts the points into the order of the tree.
 fn divide(points: &mut [(DVec3, DVec3)], planes: &mut [(u8, f64)]) {
     let mut waiting = vec![(0, points.len())];
     while let Some((first, last)) = waiting.pop() {
@@ -169,8 +171,8 @@ fn divide(points: &mut [(DVec3, DVec3)], planes: &mut [(u8, f64)]) {
 mod tests {
     use super::*;
 
-    /// The nearest point is that of a search through all. Mutation: `max(off.abs())` to `max(2.0 * off.abs())`,
-    /// seen red.
+    /// The nearest point is the same as in a search through all points. This test fails if `max(off.abs())` is
+    /// replaced by `max(2.0 * off.abs())`.
     #[test]
     fn the_nearest_point_is_found() {
         let random = |i: u32, k: u32| (fraction(hash(i, k)) * 3.0) as f32;

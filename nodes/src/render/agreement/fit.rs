@@ -1,5 +1,5 @@
-//! Fit of a mesh to points: iterated closest points (Besl and McKay 1992) with distances to planes (Chen and Medioni
-//! 1992), a scale, and weights that leave out what does not fit.
+//! Fits a mesh to points by iterated closest points (Besl and McKay 1992), with distances to planes (Chen and
+//! Medioni 1992). The fit includes a scale, and its weights ignore points that do not fit.
 
 use glam::{DMat3, DQuat, DVec3};
 
@@ -7,17 +7,19 @@ use super::cloud::Placed;
 use super::spots::{Spots, kernel};
 use crate::types::frame::Similarity;
 
-/// Distances up to which points are paired, as shares of the median distance of the points, one per iteration.
+/// Maximum distance between paired points in each iteration, as a share of the median distance of the points from
+/// the eye.
 const GATES: [f64; 14] = [0.4, 0.4, 0.35, 0.3, 0.25, 0.2, 0.17, 0.14, 0.12, 0.1, 0.09, 0.08, 0.07, 0.06];
-/// The first of them for a cloud that is nearly in place.
+/// Index in `GATES` of the first iteration for a cloud that is nearly in place.
 const NEAR: usize = 5;
-/// Damping of directions that the points do not determine, as a share of the mean diagonal.
+/// Damping for directions that the points do not determine, as a share of the mean diagonal element.
 const DAMPING: f64 = 2e-3;
-/// Minimum cosine between the normals of a pair.
+/// Minimum absolute cosine between the two normals of a pair.
 const ALIGNED: f64 = 0.7;
 
 impl Placed<'_> {
-    /// The point of the cloud nearest to a point of the world and its normal, in the world, within a distance.
+    /// Nearest point of the cloud to the point `to`, and its normal, all in the world; `None` if no point is within
+    /// the distance `within`.
     fn nearest(&self, to: DVec3, within: f64) -> Option<(DVec3, DVec3)> {
         let Similarity { rotation, scale, offset } = self.at;
         let local = rotation.transpose() * (to - offset) / scale;
@@ -25,14 +27,15 @@ impl Placed<'_> {
         Some((self.at.point(point), rotation * normal))
     }
 
-    /// Mean agreement of every `step`-th point with the cloud, with tolerances multiplied by `slack`.
+    /// Mean agreement of every `step`-th point with the cloud, 0 to 1. Tolerances are multiplied by `slack`.
     pub fn agreement(&self, spots: &Spots, step: usize, slack: f64) -> f64 {
         let (mut sum, mut total) = (0.0, 0.0);
         let gap = 1.5 * self.cloud.spacing * self.at.scale;
         for spot in spots.list.iter().step_by(step) {
             total += spot.weight;
             let tolerance = slack * spot.tolerance;
-            // Coarse clouds have neighbours farther off than the tolerance; the distance to their plane counts.
+            // In a coarse cloud the nearest point may be farther away than the tolerance. Its plane may still be
+            // near.
             let Some((point, normal)) = self.nearest(spot.point, tolerance.max(gap.min(3.0 * tolerance)))
             else {
                 continue;
@@ -44,7 +47,8 @@ impl Placed<'_> {
         sum / total
     }
 
-    /// The transform nearby at which the cloud fits every `step`-th point best. `near` starts with short distances.
+    /// Refines the transform so that the cloud fits every `step`-th point. If `near` is true, the maximum distances
+    /// between paired points start small.
     pub fn fitted(mut self, spots: &Spots, step: usize, near: bool) -> Similarity {
         let unit = spots.distance;
         let first = if near { NEAR } else { 0 };
@@ -79,7 +83,7 @@ impl Placed<'_> {
     }
 }
 
-/// The solution of a symmetric system of seven equations, damped; `None` if it does not determine anything.
+/// Solution of a symmetric system of seven equations, with damping; `None` if the system is zero or not finite.
 fn solved(mut system: [[f64; 8]; 7]) -> Option<[f64; 7]> {
     let mean = (0..7).map(|i| system[i][i]).sum::<f64>() / 7.0;
     if !(mean > 0.0 && mean.is_finite()) {

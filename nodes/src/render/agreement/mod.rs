@@ -1,8 +1,12 @@
-//! Comparison of the splats and the mesh of a place by their depths, in the wanted views and around the object.
+//! Compares the splats and the mesh of a place by their depths, in the views that the graph renders (the wanted
+//! views) and around the inserted objects.
 //!
-//! Small pictures of the splats give points of their surface (the depth of peaks, `RayMedian`). The mesh is rasterized in
-//! the same views. Where it does not agree, a search for a turn, a factor and a shift finds out whether one transform
-//! explains the difference. Where it does, what remains are parts that only one of both has.
+//! Small pictures of the splats (depth mode `RayMedian`) give points on their surface. The mesh is rasterized in
+//! the same views. The agreement is a number from 0 to 1 that states how near the mesh is to these points.
+//!
+//! If the mesh does not agree with the splats, a search finds out whether a rotation, a scale and a shift explain
+//! the difference. The comparison also finds parts of the mesh that the splats do not show, and surfaces of the
+//! splats that the mesh lacks.
 
 mod cloud;
 mod fit;
@@ -26,42 +30,49 @@ pub use regions::Regions;
 use sight::Sight;
 use spots::Spots;
 
-/// Number of wanted views and of points that are compared at most.
+/// Maximum number of wanted views that are compared.
 const WANTED: usize = 3;
+/// Maximum number of points around which views are compared.
 const AROUND: usize = 2;
-/// Agreement from which a mesh is where the splats are, so that other places are not searched.
+/// Minimum agreement at which the mesh counts as being in the frame of the splats. No search is made then.
 const AGREES: f64 = 0.8;
-/// Minimum agreement of another place of the mesh for it to be reported, and minimum gain.
+/// Minimum agreement of a transformed mesh for the transform to be reported.
 const FOUND: f64 = 0.4;
+/// Minimum increase of the agreement for the transform to be reported.
 const GAIN: f64 = 0.12;
-/// Share of the points from which the mesh is a part of the place, and agreement there from which it is in its place.
+/// Minimum share of the points at which the mesh must be visible to count as a mesh of a part of the place.
 const PART: f64 = 0.02;
+/// Minimum agreement at these points at which such a mesh counts as being in the frame of the splats.
 const PART_AGREES: f64 = 0.9;
-/// Agreement below which both disagree, though no transform is found.
+/// Agreement below which splats and mesh are reported even if no transform is found.
 const DISAGREES: f64 = 0.12;
-/// Shift, relative to the median distance, relative change of size, and turn in degrees from which a transform is
-/// reported.
+/// Minimum shift of a transform that is reported, as a share of the median distance of the points from the eye.
 const SHIFTED: f64 = 0.1;
+/// Minimum relative change of scale of a transform that is reported.
 const SCALED: f64 = 0.06;
+/// Minimum angle of rotation, in degrees, of a transform that is reported.
 const TURNED_DEG: f64 = 3.0;
-/// Share of the wanted views that shows less than this shows nothing.
+/// If splats or mesh cover a smaller share of the wanted views than this, they count as not visible.
 const UNSEEN: f64 = 0.02;
-/// Minimum cosine between up of the scene and of what stands upright.
+/// Minimum cosine of the angle between the up direction of the scene and the measured one, for a place that stands
+/// upright.
 const UPRIGHT: f64 = 0.94;
-/// Minimum share of pixels of debris and of missing surfaces that is reported.
+/// Minimum share of the pixels at which debris is reported.
 const DEBRIS: f64 = 0.006;
+/// Minimum share of the pixels at which missing surfaces are reported.
 const MISSING: f64 = 0.03;
-/// Distance from the splats at which a mesh does not agree, as a share of the distance.
+/// Half the distance from the splats at which a part of the mesh counts as debris, or a surface of the splats as
+/// missing, as a share of its distance from the eye.
 const TOLERANCE: f64 = 0.05;
 
-/// What is compared.
+/// Input of a comparison.
 #[derive(Debug, Clone, Copy)]
 pub struct Place<'a> {
     /// The splats, in the world.
     pub splats: &'a Splats,
     /// The mesh, in the world.
     pub mesh: &'a Mesh,
-    /// Cameras of the wanted views; the first, the middle and the last one are compared.
+    /// Cameras of the wanted views; the views of the first, the middle and the last one are compared.
     pub cameras: &'a [Camera],
     /// Points in free space near the inserted objects, such as their middles; the first two are used.
     pub around: &'a [DVec3],
@@ -71,57 +82,60 @@ pub struct Place<'a> {
     pub metre: f64,
 }
 
-/// What is likely in a wrong frame.
+/// The input that is probably in a wrong frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Likely {
-    /// The mesh: the usual case, since splats and cameras come from one program.
+    /// The mesh. This is the usual case, since splats and cameras come from one program.
     Mesh,
-    /// The splats: the wanted views show the mesh only, or it stands upright and they do not.
+    /// The splats. The wanted views show only the mesh, or the mesh stands upright and the splats do not.
     Splats,
 }
 
-/// A place of the mesh at which it agrees with the splats.
+/// A transform of the mesh, with the agreement that results.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Moved {
     /// Transform of the mesh.
     pub by: Similarity,
-    /// Agreement there, 0 to 1.
+    /// Agreement of the transformed mesh with the splats, 0 to 1.
     pub agreement: f64,
     /// Angle of the rotation in degrees.
     pub turn_deg: f64,
-    /// Distance by which the middle of the place moves, in world units; meaningful without a turn and a factor.
+    /// Distance by which the transform moves the middle of the place, in world units.
     pub shift: f64,
-    /// What is likely in a wrong frame.
+    /// The input that is probably in a wrong frame.
     pub likely: Likely,
 }
 
 /// Result of a comparison.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Comparison {
-    /// Number of points of the splats that were compared.
+    /// Number of compared points on the surface of the splats.
     pub points: usize,
-    /// Mean agreement of the depths, 0 to 1; the directions in which surfaces face weigh about the same.
+    /// Mean agreement of the depths, 0 to 1. It is weighted so that all directions in which surfaces face count
+    /// about the same.
     pub agreement: f64,
-    /// The place of the mesh at which it agrees best, if that is elsewhere.
+    /// The transform of the mesh with the best agreement; `None` if no transform is much
+    /// better than the identity.
     pub best: Option<Moved>,
-    /// Parts of the mesh that float in front of what the splats show.
+    /// Parts of the mesh that float in front of the surfaces that the splats show.
     pub debris: Regions,
-    /// Surfaces of the splats that the mesh lacks, within its extents.
+    /// Surfaces of the splats that the mesh lacks, within the bounding box of the mesh.
     pub missing: Regions,
-    /// Shares of the wanted views in which the splats and the mesh are visible; `None` without wanted views.
+    /// Share of the pixels of the wanted views that show splats, and share that show the mesh; `None` if there are
+    /// no wanted views.
     pub visible: Option<[f64; 2]>,
 }
 
 /// A finding of a comparison.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Finding {
-    /// Splats and mesh are in different frames.
+    /// The splats and the mesh are in different frames.
     Elsewhere,
     /// The wanted cameras see neither the splats nor the mesh.
     Cameras,
-    /// Parts of the mesh float in front of what the splats show.
+    /// Parts of the mesh float in front of the surfaces that the splats show.
     Debris,
-    /// The mesh lacks surfaces of the splats.
+    /// The mesh lacks surfaces that the splats show.
     Missing,
 }
 
@@ -145,7 +159,7 @@ impl Comparison {
     }
 }
 
-/// Three of the cameras: the first, the middle and the last.
+/// Up to three of the cameras: the first, the middle and the last.
 fn chosen(cameras: &[Camera]) -> Vec<Camera> {
     let count = cameras.len();
     if count <= WANTED {
@@ -154,8 +168,8 @@ fn chosen(cameras: &[Camera]) -> Vec<Camera> {
     [0, count / 2, count - 1].map(|i| cameras[i].clone()).to_vec()
 }
 
-/// Compares splats and mesh. `None` if there is nothing to compare: the mesh has no area, or neither the splats nor the
-/// mesh show a surface.
+/// Compares splats and mesh. Returns `None` if there is nothing to compare: the mesh has no area, or there are no
+/// opaque splats.
 pub fn compare(place: &Place<'_>, cx: &Context) -> Result<Option<Comparison>, NodeError> {
     let around = &place.around[..place.around.len().min(AROUND)];
     let frame = (place.axes, place.metre);
@@ -168,7 +182,7 @@ pub fn compare(place: &Place<'_>, cx: &Context) -> Result<Option<Comparison>, No
     }
 }
 
-/// Compares by the depths in the views.
+/// Compares splats and mesh by their depths in the views.
 fn by_views(
     place: &Place<'_>,
     sights: &[Sight],
@@ -180,7 +194,8 @@ fn by_views(
     let here = spots.agreement(sights, &depths, &depths);
     let confirmed = |at: Similarity| spots.confirmed(sights, &Placed { cloud, at });
     let here_confirmed = confirmed(Similarity::IDENTITY);
-    // A mesh of a part of the place, such as the ground near the object, agrees where it is, and fits larger parts.
+    // A mesh of a part of the place, such as the ground near the object, agrees where it is visible. A transform
+    // could make it fit a larger part of the splats.
     let is_part = here.share >= PART && here.known.min(here_confirmed) >= PART_AGREES;
     let measured = |by: Similarity| {
         let moved = spots.depths(sights, place.mesh, &matrix(&by));
@@ -211,7 +226,7 @@ fn by_views(
     })
 }
 
-/// Compares by the centres of the splats, if the views show the mesh and hardly any splats.
+/// Compares the mesh with the centres of the splats. This is for views that show hardly any splats.
 fn by_centres(place: &Place<'_>, sights: &[Sight], cloud: &Cloud) -> Option<Comparison> {
     let spots = Spots::of_centres(place.splats)?;
     let depths = spots.depths(sights, place.mesh, &DMat4::IDENTITY);
@@ -226,7 +241,7 @@ fn by_centres(place: &Place<'_>, sights: &[Sight], cloud: &Cloud) -> Option<Comp
     Some(Comparison { points: spots.list.len(), agreement, best, debris, missing, visible })
 }
 
-/// Shares of the wanted views in which splats and mesh are visible.
+/// Share of the pixels of the wanted views that show splats, and share that show the mesh.
 fn visible(sights: &[Sight], depths: &[Vec<f64>]) -> Option<[f64; 2]> {
     let wanted = || sights.iter().zip(depths).filter(|(sight, _)| sight.wanted);
     let all: usize = wanted().map(|(sight, _)| sight.depth.len()).sum();
@@ -236,7 +251,7 @@ fn visible(sights: &[Sight], depths: &[Vec<f64>]) -> Option<[f64; 2]> {
 }
 
 impl Moved {
-    /// A transform with its measures.
+    /// Makes a transform with its measures. `likely` is `Mesh` until it is determined.
     fn of(by: Similarity, agreement: f64, spots: &Spots) -> Self {
         let turn = by.rotation;
         let cosine = 0.5 * (turn.x_axis.x + turn.y_axis.y + turn.z_axis.z - 1.0);
@@ -245,7 +260,7 @@ impl Moved {
         Self { by, agreement, turn_deg, shift, likely: Likely::Mesh }
     }
 
-    /// True if this is another place than that of the mesh, at which it agrees better than `here`.
+    /// True if the transform is large enough to be reported and its agreement is sufficiently higher than `here`.
     fn is_found(&self, here: f64, spots: &Spots) -> bool {
         let far = self.shift >= SHIFTED * spots.distance
             || (self.by.scale - 1.0).abs() >= SCALED
@@ -254,7 +269,8 @@ impl Moved {
     }
 }
 
-/// What is likely in a wrong frame, given the shares of the wanted views that show splats and mesh.
+/// The input that is probably in a wrong frame. `visible` has the shares of the wanted views that show splats and
+/// mesh.
 fn likely(place: &Place<'_>, turn_deg: f64, visible: Option<[f64; 2]>) -> Likely {
     if visible.is_some_and(|[splats, mesh]| splats < UNSEEN && mesh >= 10.0 * UNSEEN) {
         return Likely::Splats;

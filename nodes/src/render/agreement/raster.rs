@@ -1,12 +1,13 @@
-//! Depths of a mesh in a small picture, by rasterization: no tree of boxes is built, since each mesh is seen in few
-//! pictures.
+//! Depths of a mesh in a small picture, by rasterization. Building a tree for ray casting would not pay off, since
+//! each mesh is drawn in only a few pictures.
 
 use glam::{DMat4, DVec3};
 
 use crate::types::{Camera, Mesh};
 
-/// Planar depth of the nearest triangle at the centre of each pixel, from either side, in world units; +inf where
-/// there are none. Parts nearer than `near` are cut away. `world_from_mesh` places the mesh.
+/// Planar depth of the nearest triangle at the centre of each pixel, in world units; +inf where there is no
+/// triangle. Triangles are visible from both sides. Parts nearer than `near` are cut away. `world_from_mesh` places
+/// the mesh.
 pub(super) fn depths(mesh: &Mesh, world_from_mesh: &DMat4, camera: &Camera, near: f64) -> Vec<f64> {
     let (width, height) = (camera.width_px as usize, camera.height_px as usize);
     let to_camera = camera.camera_from_world() * *world_from_mesh;
@@ -31,7 +32,7 @@ pub(super) fn depths(mesh: &Mesh, world_from_mesh: &DMat4, camera: &Camera, near
         .collect()
 }
 
-/// The polygon of a triangle beyond the near plane: three or four corners.
+/// Corners of the part of a triangle beyond the near plane, and their number, three or four.
 fn cut(corners: [DVec3; 3], near: f64) -> ([DVec3; 4], usize) {
     let (mut out, mut count) = ([DVec3::ZERO; 4], 0);
     for i in 0..3 {
@@ -50,7 +51,7 @@ fn cut(corners: [DVec3; 3], near: f64) -> ([DVec3; 4], usize) {
 }
 
 struct Picture<'a> {
-    /// One over the depth; 0 without a surface.
+    /// Reciprocal of the depth of each pixel; 0 where there is no surface.
     inverse: Vec<f64>,
     width: usize,
     height: usize,
@@ -58,7 +59,7 @@ struct Picture<'a> {
 }
 
 impl Picture<'_> {
-    /// Draws a triangle in front of the camera. One over the depth is linear in the picture.
+    /// Draws a triangle that is in front of the camera. The reciprocal of the depth is linear in the picture.
     fn draw(&mut self, corners: [DVec3; 3]) {
         let camera = self.camera;
         let flat = corners.map(|p| {
@@ -71,7 +72,7 @@ impl Picture<'_> {
         });
         let low = flat[0].min(flat[1]).min(flat[2]);
         let high = flat[0].max(flat[1]).max(flat[2]);
-        // Also false for numbers that are not finite.
+        // The condition in brackets is also false for numbers that are not finite.
         if !(high.x >= 0.5
             && high.y >= 0.5
             && low.x <= self.width as f64 - 0.5
@@ -112,8 +113,8 @@ mod tests {
     use crate::geometry::bvh::{Bvh, Ray};
     use crate::geometry::sampling::{fraction, hash};
 
-    /// Depths of random triangles, some of them across the near plane, equal those of rays. Mutation: `known.max` to
-    /// `known.min`, seen red.
+    /// Rasterized depths of random triangles, some of which cross the near plane, equal the depths that rays find.
+    /// This test fails if `known.max` is replaced by `known.min`.
     #[test]
     fn depths_are_those_of_rays() {
         let random = |i: u32, k: u32| (fraction(hash(i, k)) * 4.0 - 2.0) as f32;

@@ -1,39 +1,42 @@
-//! Connected parts of a view in which splats and mesh disagree: debris of the mesh, and surfaces that it lacks.
+//! Connected parts of a view in which splats and mesh disagree: floating debris of the mesh, and surfaces that the
+//! mesh lacks.
 
 use glam::DVec3;
 
 use super::sight::{STEP, Sight};
 use super::spots::Spots;
 
-/// Relative difference of depths from which a surface is in front of another or behind it.
+/// Minimum relative difference of depth at which a surface counts as in front of another one or behind it.
 const APART: f64 = 0.12;
-/// Distance beyond the extents of the mesh up to which a surface is missing, as a share of the distance.
+/// Maximum distance beyond the bounding box of the mesh at which a surface can count as missing, as a share of its
+/// distance from the eye.
 const MARGIN: f64 = 0.02;
-/// Share of the outline of a part along which the mesh ends in front of something, from which it floats.
+/// A part floats if the mesh ends in front of something farther away along at least this share of its outline.
 const FLOATS: f64 = 0.65;
 
 /// Parts of the views in which splats and mesh disagree.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Regions {
-    /// Largest share of the pixels of a view, or of the views around the object, that they cover.
+    /// Share of the pixels that the parts cover, in the view where this share is largest. The views around the
+    /// objects count as one view.
     pub share: f64,
-    /// The view, or empty for the views around the object.
+    /// Name of that view; empty for the views around the objects.
     pub view: String,
-    /// Middle of the largest part, in world units.
+    /// Middle of the largest part in the world.
     pub at: DVec3,
-    /// Distance of that part from the eye, in world units.
+    /// Distance of the largest part from the eye, in world units.
     pub distance: f64,
 }
 
 /// A part of one view.
 struct Part {
     pixels: Vec<usize>,
-    /// Number of pixels whose eight neighbours are in the part as well.
+    /// Number of pixels whose eight neighbours are also in the part.
     inner: usize,
     sight: usize,
 }
 
-/// Connected parts of the marked pixels whose depths are continuous.
+/// Connected parts of the marked pixels. Neighbours are connected if their depths are similar.
 fn parts(sight: &Sight, index: usize, marked: &[bool], depth: &[f64]) -> Vec<Part> {
     let (width, height) = sight.size();
     let mut label = vec![usize::MAX; marked.len()];
@@ -68,7 +71,7 @@ fn parts(sight: &Sight, index: usize, marked: &[bool], depth: &[f64]) -> Vec<Par
     found
 }
 
-/// The pixels left, right, above and below.
+/// The pixels to the left, to the right, above and below, as far as they exist.
 fn neighbours(pixel: usize, width: usize, height: usize) -> [Option<usize>; 4] {
     let (x, y) = (pixel % width, pixel / width);
     [
@@ -79,7 +82,8 @@ fn neighbours(pixel: usize, width: usize, height: usize) -> [Option<usize>; 4] {
     ]
 }
 
-/// Largest share of a view, or of all views around the object, that the parts cover.
+/// Finds the view in which the parts cover the largest share of the pixels. All views around the objects count as
+/// one view.
 fn summary(sights: &[Sight], parts: &[Part], depths: impl Fn(usize, usize) -> f64) -> Regions {
     let mut best = Regions::default();
     let mut groups: Vec<Vec<usize>> =
@@ -102,8 +106,9 @@ fn summary(sights: &[Sight], parts: &[Part], depths: impl Fn(usize, usize) -> f6
     best
 }
 
-/// Parts of the mesh in front of what the splats show, that float: along most of their outline the mesh behind is
-/// farther off. What closes a window or a hole of the capture is joined to its surroundings.
+/// Finds parts of the mesh that float in front of the surfaces that the splats show: along most of their outline,
+/// the mesh next to them is farther away. A part that closes a window or a hole of the capture does not float,
+/// since it is connected to its surroundings.
 pub(super) fn debris(sights: &[Sight], depths: &[Vec<f64>], spots: &Spots, tolerance: f64) -> Regions {
     let mut floating = Vec::new();
     for (index, (sight, mesh)) in sights.iter().zip(depths).enumerate() {
@@ -139,7 +144,8 @@ pub(super) fn debris(sights: &[Sight], depths: &[Vec<f64>], spots: &Spots, toler
     summary(sights, &floating, |sight, pixel| depths[sight][pixel])
 }
 
-/// Surfaces of the splats within the extents of the mesh where it has nothing, or only something behind.
+/// Finds surfaces of the splats, within the bounding box `[low, high]` of the mesh, at which the mesh has no
+/// surface or only one that is farther away.
 pub(super) fn missing(
     sights: &[Sight],
     depths: &[Vec<f64>],
@@ -155,7 +161,7 @@ pub(super) fn missing(
             let (own, splats) = (mesh[pixel], sight.depth[pixel]);
             let ray = sight.ray(pixel);
             let far = (splats * ray.length()).max(spots.distance);
-            // A surface seen at a slant is farther away along the ray than along its normal.
+            // The distance along the ray to a slanted surface is longer than the distance along its normal.
             let cosine = sight.normal(pixel).map_or(0.5, |normal| normal.dot(ray).abs() / ray.length());
             let least = (2.0 * tolerance * far).max(1.5 * spots.grain);
             let behind = own > splats * (1.0 + APART) && (own - splats) * ray.length() * cosine > least;
@@ -168,7 +174,7 @@ pub(super) fn missing(
         };
         let marked: Vec<bool> = (0..mesh.len()).map(lacks).collect();
         let own = parts(sight, index, &marked, &sight.depth);
-        // Edges and thin parts have few pixels inside.
+        // Parts with few inner pixels are edges or thin, and are ignored.
         lacking.extend(own.into_iter().filter(|part| part.inner * 3 >= part.pixels.len()));
     }
     summary(sights, &lacking, |sight, pixel| sights[sight].depth[pixel])

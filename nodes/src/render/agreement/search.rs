@@ -1,4 +1,5 @@
-//! Search for the transform that brings a mesh to the splats: turns by quarters, factors, and shifts, each refined.
+//! Searches for the transform that brings a mesh to the splats. Quarter turns, scale factors and shifts are tried,
+//! and the best ones are refined.
 
 use glam::{DMat3, DVec3};
 
@@ -6,33 +7,41 @@ use super::cloud::{Cloud, Placed};
 use super::spots::Spots;
 use crate::types::frame::Similarity;
 
-/// Ratio of one factor that is tried to the next, the cube root of 2, and their number.
+/// Ratio between consecutive scale factors that are tried: the cube root of 2.
 const RATIO: f64 = 1.259_921_049_894_873_2;
+/// Number of scale factors that are tried.
 const FACTORS: i32 = 21;
-/// Number of points by which transforms are compared: at first, in fits, and at the end.
+/// Approximate number of points for the first comparison of transforms.
 const COARSE: usize = 240;
+/// Approximate number of points for fits.
 const FITTED: usize = 700;
+/// Approximate number of points for the last comparison of transforms.
 const FINE: usize = 2000;
-/// Tolerances of the first comparison, in ordinary ones.
+/// Factor on the tolerances in the first comparison.
 const SLACK: f64 = 2.2;
-/// Steps of shifts, as a share of the median distance, and their number along each axis.
+/// Distance between consecutive shifts that are tried, as a share of the median distance of the points from the
+/// eye.
 const SHIFT: f64 = 0.125;
+/// Number of shifts that are tried along each axis.
 const SHIFTS: u32 = 9;
 /// Number of shifts that are refined.
 const STARTS: usize = 5;
-/// Shift from a fit that is tried, as a share of the median distance, and number of times that.
+/// Shift away from a fit that is tried, as a share of the median distance of the points from the eye.
 const ASIDE: f64 = 0.07;
+/// Maximum number of times that a fit is changed and fitted again.
 const CLIMBS: usize = 4;
-/// Number of transforms that are refined, and that are returned.
+/// Number of transforms that are refined.
 const REFINED: usize = 8;
+/// Number of transforms that are returned.
 const BEST: usize = 3;
-/// Share of the agreement that a simpler transform must keep.
+/// Minimum share of the agreement that a simpler transform must keep.
 const SIMPLER: f64 = 0.96;
-/// Factors between units, and frequent ones.
+/// Scale factors between units of length, and other frequent scale factors.
 const UNITS: [f64; 13] =
     [1.0, 0.001, 0.01, 0.1, 0.5, 2.0, 10.0, 100.0, 1000.0, 0.3048, 1.0 / 0.3048, 0.0254, 1.0 / 0.0254];
-/// Relative deviation of a factor, and deviation of an axis in radians, that count as none.
+/// Maximum relative difference of two scale factors that count as equal.
 const SAME_FACTOR: f64 = 0.03;
+/// Maximum angle, in radians, between the axes of two rotations that count as equal.
 const SAME_TURN: f64 = 0.04;
 
 /// The 24 rotations that map axes to axes; the first is the identity.
@@ -50,7 +59,7 @@ fn step(spots: &Spots, count: usize) -> usize {
     (spots.list.len() / count) | 1
 }
 
-/// Fits the mesh to the splats from where it is, and from shifts around that.
+/// Fits the mesh to the splats, starting at its own position and at shifts around it.
 pub(super) fn nearby(cloud: &Cloud, spots: &Spots) -> Similarity {
     let coarse = |at: Similarity| Placed { cloud, at }.agreement(spots, step(spots, COARSE), SLACK);
     let mut starts: Vec<(f64, Similarity)> = Vec::new();
@@ -69,7 +78,8 @@ pub(super) fn nearby(cloud: &Cloud, spots: &Spots) -> Similarity {
     best.map_or(Similarity::IDENTITY, |(_, at)| simplest(cloud, spots, at))
 }
 
-/// The transforms, from any turn, factor and shift, at which the mesh fits the splats best, best first.
+/// The transforms with which the mesh fits the splats best, best first. All quarter turns, many scale factors and
+/// two shifts are tried.
 pub(super) fn anywhere(cloud: &Cloud, spots: &Spots) -> Vec<Similarity> {
     let mut tried: Vec<(f64, Similarity)> = Vec::new();
     let about = spots.radius / cloud.radius;
@@ -103,8 +113,9 @@ pub(super) fn anywhere(cloud: &Cloud, spots: &Spots) -> Vec<Similarity> {
     refined.into_iter().map(|(_, at)| simplest(cloud, spots, at)).collect()
 }
 
-/// Fits the mesh from a start, then again from changes of the result that fit better, and returns the agreement and
-/// the transform. A fit alone stops where a wall is nearest to another wall.
+/// Fits the mesh from a start, then changes the result and fits again as long as this is better. Returns the
+/// agreement and the transform. A single fit could stop where a wall of the mesh is near the wrong wall of the
+/// splats.
 fn climbed(cloud: &Cloud, spots: &Spots, start: Similarity) -> (f64, Similarity) {
     let fits = |at: Similarity, slack: f64| Placed { cloud, at }.agreement(spots, step(spots, FITTED), slack);
     let fitted = |at: Similarity, near: bool| Placed { cloud, at }.fitted(spots, step(spots, FITTED), near);
@@ -140,8 +151,8 @@ fn climbed(cloud: &Cloud, spots: &Spots, start: Similarity) -> (f64, Similarity)
     best
 }
 
-/// A transform with as few parts as possible that fits about as well: the rotation is an axis rotation, the factor one
-/// between units, the shift 0.
+/// The simplest transform that fits about as well. If possible, its rotation maps axes to axes, its scale is one of
+/// [`UNITS`], and its shift is 0.
 fn simplest(cloud: &Cloud, spots: &Spots, found: Similarity) -> Similarity {
     let fits = |at: Similarity| Placed { cloud, at }.agreement(spots, step(spots, FINE), 1.0);
     let least = SIMPLER * fits(found);
@@ -151,7 +162,7 @@ fn simplest(cloud: &Cloud, spots: &Spots, found: Similarity) -> Similarity {
     };
     let straight = turns().into_iter().find(|turn| deviation(turn, &found.rotation) < SAME_TURN);
     let unit = UNITS.into_iter().find(|unit| (found.scale / unit - 1.0).abs() < SAME_FACTOR);
-    // The middle of the splats stays where it is.
+    // A simpler rotation or scale keeps the middle of the splats in place.
     let centre = found.rotation.transpose() * (spots.middle - found.offset) / found.scale;
     let with = |rotation: DMat3, scale: f64| Similarity {
         rotation,

@@ -1,4 +1,4 @@
-//! Views in which splats and mesh are compared: small pictures of the splats' depth.
+//! Views in which splats and mesh are compared, with small pictures of the depth of the splats.
 
 use engine::{Context, NodeError};
 use glam::DVec3;
@@ -9,35 +9,36 @@ use crate::types::{Camera, Splats};
 
 /// Longest side of a wanted view, in pixels.
 const WANTED_PX: f64 = 128.0;
-/// Side of a face of the cube around a point, in pixels.
+/// Side of each cube face around a point, in pixels.
 const FACE_PX: u32 = 72;
-/// Coverage from which splats count as a surface, and below which they count as empty space.
+/// Minimum coverage at which splats count as a surface.
 const SOLID: f32 = 0.9;
+/// Maximum coverage at which splats count as empty space.
 const EMPTY: f32 = 0.1;
-/// Largest relative difference between the mean depth of a pixel and its median depth at which the pixel shows one
-/// surface.
+/// Maximum relative difference between the mean depth and the median depth of a pixel that shows a single surface.
 const SPREAD: f32 = 0.06;
-/// Largest relative difference of the depths of two neighbours that show one surface.
+/// Maximum relative difference between the depths of two neighbouring pixels that show the same surface.
 pub(super) const STEP: f64 = 0.12;
-/// Near plane: share of the median distance of the splats, and metres.
+/// Distance of the near plane, as a share of the median distance of the splats.
 const NEAR_SHARE: f64 = 0.02;
+/// Maximum distance of the near plane, in metres.
 const NEAR_METRES: f64 = 0.2;
 
-/// The splats in one view.
+/// A view, with the depths of the splats.
 pub(super) struct Sight {
     /// Camera of the small picture.
     pub camera: Camera,
-    /// True for a view that the graph renders, false for one around the object.
+    /// True for a view that the graph renders, false for a view around an object.
     pub wanted: bool,
-    /// Planar depth of the splats' surface in world units; +inf where there is none.
+    /// Planar depth of the surface of the splats, in world units; +inf where there is no surface.
     pub depth: Vec<f64>,
-    /// True where the splats show one surface and nothing semi-transparent in front of it.
+    /// True where the splats show a single surface, without anything semi-transparent in front of it.
     pub clear: Vec<bool>,
-    /// True where the splats are empty.
+    /// True where there are hardly any splats.
     pub empty: Vec<bool>,
 }
 
-/// A camera with the same view in a picture whose longest side has at most [`WANTED_PX`] pixels.
+/// A camera with the same view, whose picture is at most [`WANTED_PX`] pixels wide and high.
 fn smaller(camera: &Camera) -> Camera {
     let (width, height) = (f64::from(camera.width_px), f64::from(camera.height_px));
     let factor = (WANTED_PX / width.max(height)).min(1.0);
@@ -54,7 +55,8 @@ fn smaller(camera: &Camera) -> Camera {
     }
 }
 
-/// The six faces of a cube around a point. They are turned off the axes, along which walls lie.
+/// Cameras for the six faces of a cube around a point. The cube is not aligned with the axes, because walls often
+/// are.
 fn faces(eye: DVec3, [right, forward, up]: [DVec3; 3]) -> Vec<Camera> {
     // Sine and cosine of 0.4 and of 0.25 radians.
     let (right, forward) = (right * 0.921_061 + forward * 0.389_418, forward * 0.921_061 - right * 0.389_418);
@@ -75,8 +77,8 @@ fn faces(eye: DVec3, [right, forward, up]: [DVec3; 3]) -> Vec<Camera> {
 }
 
 impl Sight {
-    /// Renders the splats in the wanted views and around each of the points. `metre` is in world units, `axes` point
-    /// right, forward and up.
+    /// Renders the splats in the wanted views and around each of the points. `metre` is the number of world units
+    /// per metre; `axes` point right, forward and up.
     pub fn all(
         splats: &Splats,
         wanted: &[Camera],
@@ -129,12 +131,12 @@ impl Sight {
         })
     }
 
-    /// Columns and rows.
+    /// Width and height in pixels.
     pub fn size(&self) -> (usize, usize) {
         (self.camera.width_px as usize, self.camera.height_px as usize)
     }
 
-    /// The direction through the centre of a pixel, of planar depth 1, in the world.
+    /// Vector in the world from the eye through the centre of a pixel to a planar depth of 1.
     pub fn ray(&self, pixel: usize) -> DVec3 {
         let (width, _) = self.size();
         let camera = &self.camera;
@@ -143,12 +145,13 @@ impl Sight {
         camera.world_from_camera().transform_vector3(DVec3::new(x, y, 1.0))
     }
 
-    /// Point at a planar depth of a pixel.
+    /// Point in the world at a planar depth in a pixel.
     pub fn point(&self, pixel: usize, depth: f64) -> DVec3 {
         self.camera.eye() + self.ray(pixel) * depth
     }
 
-    /// The pixel that shows a point in the frame of the camera, if the splats have a surface there.
+    /// Pixel of a point, which is given in the frame of the camera; `None` if the point is not in the picture or
+    /// the splats have no surface in the pixel.
     pub fn pixel(&self, local: DVec3) -> Option<usize> {
         let (width, height) = self.size();
         if local.z <= 0.0 {
@@ -161,7 +164,7 @@ impl Sight {
         self.depth[pixel].is_finite().then_some(pixel)
     }
 
-    /// Unit normal of the splats' surface at a pixel, by its four neighbours; `None` at edges.
+    /// Unit normal of the surface of the splats at a pixel, from its four neighbours; `None` at edges.
     pub fn normal(&self, pixel: usize) -> Option<DVec3> {
         let (width, height) = self.size();
         let (x, y) = (pixel % width, pixel / width);

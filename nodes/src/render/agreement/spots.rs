@@ -1,4 +1,4 @@
-//! Points of the splats' surface in the views, and how well the depths of a mesh agree with them.
+//! Points on the surface of the splats in the views, and the agreement of the depths of a mesh with them.
 
 use glam::{DMat4, DVec3};
 
@@ -9,63 +9,71 @@ use crate::geometry::level;
 use crate::geometry::support::median;
 use crate::types::{Mesh, Splats};
 
-/// Distance of a plane from the splats' surface at which the agreement is 0, as a share of the distance from the eye
-/// or, if that is smaller, of the median distance. The mesh of a capture lies several hundredths off its splats.
+/// Distance between mesh and splats at which the agreement is 0, as a share of the distance of the point from the
+/// eye, or of the median distance of all points if that is larger. It is normal that the mesh of a capture differs
+/// from its splats by several hundredths of the distance.
 const TOLERANCE: f64 = 0.07;
-/// Farther points are backdrop, which meshes leave out: multiple of the distance that a quarter of the points are
-/// nearer than.
+/// Maximum distance of a point, as a multiple of the lower quartile of the distances. Points that are farther away
+/// are ignored, since meshes do not contain the distant background.
 const BACKDROP: f64 = 10.0;
-/// Distance by which the surface may be off, in standard deviations of the splats along their middle axis: seen from
-/// close by, a splat is drawn as an ellipse that is too large.
+/// Possible error of the surface of the splats, in standard deviations of the splats along their middle axis. A
+/// splat close to the eye is drawn as an ellipse that is too large.
 const GRAIN: f64 = 2.0;
-/// Number of splats whose size is measured, and minimum opacity.
+/// Approximate number of splats that are sampled for their sizes or centres.
 const MEASURED: usize = 4000;
+/// Minimum opacity of these splats.
 const OPAQUE: f32 = 0.3;
-/// Distance up to which a point lies on the surface, as a share of its distance, and step through the points of a mesh.
+/// Maximum distance of a point of the mesh from the surface of the splats at which it counts as on the surface, as a
+/// share of its distance from the eye.
 const ON: f64 = 0.03;
+/// Step through the points of the mesh: one point out of this many is tested.
 const CONFIRMED: usize = 8;
-/// Minimum number of points.
+/// Minimum number of points for a comparison.
 const LEAST: usize = 200;
-/// Weight of points at edges, whose normal is not known.
+/// Weight of points at edges, where the normal is not known.
 const AT_EDGE: f64 = 0.3;
-/// Near plane of the mesh, as a share of the median distance.
+/// Distance of the near plane for the mesh, as a share of the median distance of the points from the eye.
 const NEAR: f64 = 0.005;
 
-/// A point of the splats' surface in a view.
+/// A point on the surface of the splats in a view.
 pub(super) struct Spot {
     /// Position in the world.
     pub point: DVec3,
     /// Unit normal of the surface; `None` at edges.
     pub normal: Option<DVec3>,
-    /// Distance from the surface at which a mesh does not agree any more, in world units.
+    /// Distance from the surface at which the agreement of a mesh is 0, in world units.
     pub tolerance: f64,
-    /// Weight: large surfaces, such as the ground, do not outweigh the directions in which fewer points face.
+    /// Weight. It is smaller for directions in which many points face, so that large surfaces such as the ground do
+    /// not dominate.
     pub weight: f64,
-    /// View and pixel.
+    /// Index of the view.
     pub sight: usize,
+    /// Index of the pixel in the view.
     pub pixel: usize,
 }
 
-/// Points of the splats' surface in all views.
+/// Points on the surface of the splats in all views.
 pub(super) struct Spots {
+    /// The points.
     pub list: Vec<Spot>,
     /// Median distance of the points from the eye, in world units.
     pub distance: f64,
-    /// Median of the points along each axis, and the median distance from it.
+    /// Median of the points along each axis.
     pub middle: DVec3,
+    /// Median distance of the points from `middle`.
     pub radius: f64,
-    /// Distance by which large splats may show their surface too near, in world units.
+    /// Distance by which the surface of large splats may appear too near, in world units.
     pub grain: f64,
 }
 
-/// One of 13 axes that a normal is nearest to.
+/// Index of the axis that is nearest to a normal, out of 13 axes.
 fn facing(normal: DVec3) -> usize {
     let mut best = (0, -1.0);
     let mut index = 0;
     for x in -1_i32..=1 {
         for y in -1_i32..=1 {
             for z in -1_i32..=1 {
-                // One of each pair of opposite directions.
+                // Of two opposite directions, only one counts.
                 if (x, y, z) > (0, 0, 0) {
                     let axis = DVec3::new(x.into(), y.into(), z.into()).normalize();
                     let cosine = axis.dot(normal).abs();
@@ -81,7 +89,8 @@ fn facing(normal: DVec3) -> usize {
 }
 
 impl Spots {
-    /// The points of all views; `None` if the splats show too few surfaces to compare anything with.
+    /// Collects the points of all views. Returns `None` if the views show too little surface of the splats for a
+    /// comparison.
     pub fn of(splats: &Splats, sights: &[Sight]) -> Option<Self> {
         let mut list = Vec::new();
         for (index, sight) in sights.iter().enumerate() {
@@ -108,7 +117,7 @@ impl Spots {
         Some(Self { list, distance, middle, radius, grain })
     }
 
-    /// Near plane of the mesh, in world units.
+    /// Distance of the near plane for the mesh, in world units.
     pub fn near(&self) -> f64 {
         NEAR * self.distance
     }
@@ -118,8 +127,7 @@ impl Spots {
         sights.iter().map(|sight| raster::depths(mesh, world_from_mesh, &sight.camera, self.near())).collect()
     }
 
-    /// Agreement of the depths of a mesh with the points: of all, and of those where `known` depths of the mesh are
-    /// finite, with the share of these.
+    /// Agreement of the depths of a mesh with all points, and with those at which the depth `known` is finite.
     pub fn agreement(&self, sights: &[Sight], depths: &[Vec<f64>], known: &[Vec<f64>]) -> Agreement {
         let (mut sums, mut totals) = ([0.0; 2], [0.0; 2]);
         for spot in &self.list {
@@ -145,7 +153,8 @@ impl Spots {
         }
     }
 
-    /// Share of the points of a placed cloud within the views that lie on the surface of the splats in one of them.
+    /// Share of the points of a placed cloud that lie on the surface of the splats in at least one view. Only
+    /// points count that are in a view in which the splats have a surface at their pixel.
     pub fn confirmed(&self, sights: &[Sight], Placed { cloud, at }: &Placed<'_>) -> f64 {
         let (mut seen, mut confirmed) = (0.0, 0.0);
         let cameras: Vec<DMat4> = sights.iter().map(|sight| sight.camera.camera_from_world()).collect();
@@ -165,8 +174,9 @@ impl Spots {
         if seen > 0.0 { confirmed / seen } else { 0.0 }
     }
 
-    /// Centres of the opaque splats as points, where the views show too few surfaces, as for splats in another unit.
-    /// They belong to none of the views. `None` for an empty scene.
+    /// Takes the centres of the opaque splats as points. This is for views that show too little surface of the
+    /// splats, for example if the splats have another unit. The points belong to no view. Returns `None` if there
+    /// are no opaque splats.
     pub fn of_centres(splats: &Splats) -> Option<Self> {
         let step = (splats.len() / MEASURED).max(1);
         let seen = (0..splats.len()).step_by(step).filter(|&i| splats.opacities[i] >= OPAQUE);
@@ -189,25 +199,27 @@ impl Spots {
     }
 }
 
-/// Agreement of the depths of a mesh with the points, 0 to 1: 1 where both are the same, 0 where they are farther
-/// apart than the tolerance or there is not any mesh.
+/// Agreement of the depths of a mesh with the points, 0 to 1. The agreement with a point is 1 if the depths are
+/// equal, and 0 if they differ by more than the tolerance or there is no mesh.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Agreement {
-    /// Mean over all points by their weights.
+    /// Weighted mean over all points.
     pub all: f64,
-    /// Mean over the points at which the mesh is known, and their share.
+    /// Weighted mean over the points at which the argument `known` of [`Spots::agreement`] is finite; 0 if there are
+    /// no such points.
     pub known: f64,
+    /// Share of these points, by weight.
     pub share: f64,
 }
 
-/// Median of points along each axis, and the median distance from it.
+/// Median of the points along each axis, and their median distance from it.
 fn extent(list: &[Spot]) -> Option<(DVec3, f64)> {
     let along = |axis: usize| median(list.iter().map(|spot| spot.point[axis]).collect());
     let middle = DVec3::new(along(0)?, along(1)?, along(2)?);
     Some((middle, median(list.iter().map(|spot| (spot.point - middle).length()).collect())?))
 }
 
-/// Sets weights by the directions that surfaces face.
+/// Sets the weights by how many points face in each direction.
 fn balance(list: &mut [Spot]) {
     let mut counts = [0.0; 13];
     list.iter().filter_map(|spot| spot.normal.map(facing)).for_each(|axis| counts[axis] += 1.0);
@@ -219,7 +231,8 @@ fn balance(list: &mut [Spot]) {
     }
 }
 
-/// Median standard deviation along the middle axis of the opaque splats within a distance of an eye.
+/// Median of the standard deviations along the middle axis, over the opaque splats that are nearer to an eye than
+/// `limit`.
 fn size(splats: &Splats, sights: &[Sight], limit: f64) -> f64 {
     let step = (splats.len() / MEASURED).max(1);
     let near = |i: usize| sights.iter().any(|sight| (splats.mean(i) - sight.camera.eye()).length() < limit);
@@ -231,7 +244,7 @@ fn size(splats: &Splats, sights: &[Sight], limit: f64) -> f64 {
     median(seen.map(middle).collect()).unwrap_or_default()
 }
 
-/// Agreement at a distance in tolerances.
+/// Agreement at a distance, which is given as a multiple of the tolerance.
 pub(super) fn kernel(off: f64) -> f64 {
     if off < 1.0 { (1.0 - off * off) * (1.0 - off * off) } else { 0.0 }
 }

@@ -1,4 +1,4 @@
-//! Tests on a made place: a floor, three walls and two boxes.
+//! Tests with a synthetic place: a floor, three walls and two boxes.
 
 use engine::Up;
 use glam::{DMat3, DVec3};
@@ -9,10 +9,10 @@ use crate::testing::context;
 use crate::types::frame::Similarity;
 use crate::types::{Camera, Mesh, SplatEncoding, Splats};
 
-/// A rectangle: a corner and two sides.
+/// A rectangle: a corner, and the vectors along two sides.
 type Face = [DVec3; 3];
 
-/// The number of the back wall among the faces.
+/// Index of the back wall in [`faces`].
 const BACK: usize = 1;
 
 fn faces() -> Vec<Face> {
@@ -36,7 +36,7 @@ fn splats() -> Splats {
     for [corner, a, b] in faces() {
         let (long, wide) = (a.length(), b.length());
         let normal = a.cross(b).normalize();
-        // A turn by 180 degrees about the middle of z and the normal brings z to the normal.
+        // A rotation by 180 degrees about the bisector of z and the normal maps z to the normal.
         let half = (normal + DVec3::Z).normalize();
         let (columns, rows) = ((long / 0.06).ceil(), (wide / 0.06).ceil());
         for i in 0..(columns * rows) as usize {
@@ -53,7 +53,7 @@ fn splats() -> Splats {
     splats
 }
 
-/// Triangles of the faces, without one of them.
+/// Triangles of the faces, except the face `without`.
 fn mesh(without: Option<usize>) -> Mesh {
     let mut mesh = Mesh::default();
     for (_, [corner, a, b]) in faces().into_iter().enumerate().filter(|(i, _)| Some(*i) != without) {
@@ -99,23 +99,23 @@ fn found(mesh: &Mesh) -> Comparison {
     compared(&splats(), mesh, good_camera())
 }
 
-/// Mutation: `GAIN` and `FOUND` of 0 with `SHIFTED` of 0, seen red.
+/// This test fails if `GAIN`, `FOUND` and `SHIFTED` are 0.
 #[test]
 fn what_agrees_raises_no_alarm() {
     let whole = found(&mesh(None));
     assert_eq!(whole.findings(), [], "{whole:?}");
     assert!(whole.agreement > 0.9, "{whole:?}");
-    // A mesh of the floor near the object only is a usual receiver.
+    // A mesh of only the floor near the object is a common receiver.
     let mut floor = Mesh::default();
     add(&mut floor, DVec3::new(-1.0, -1.0, 0.0), DVec3::X * 2.0, DVec3::Y * 2.0);
     let part = found(&floor);
     assert_eq!(part.findings(), [], "{part:?}");
-    // A few centimetres off, as proxies are.
+    // Proxy meshes are often a few centimetres off.
     let low = Similarity { offset: DVec3::new(0.02, 0.0, -0.06), ..Similarity::IDENTITY };
     assert_eq!(found(&placed(&mesh(None), &low)).findings(), []);
 }
 
-/// Checks that a fault is found, and that the transform that undoes it is.
+/// Checks that a fault is found, and also the transform that undoes it.
 fn undone(fault: Similarity) {
     let result = found(&placed(&mesh(None), &fault));
     assert_eq!(result.findings(), [Finding::Elsewhere], "{fault:?}: {result:?}");
@@ -129,7 +129,7 @@ fn undone(fault: Similarity) {
     assert_eq!(best.likely, Likely::Mesh, "{fault:?}");
 }
 
-/// Mutation: `factors` without the units and `FACTORS` of 3, seen red.
+/// This test fails if `factors` lacks the units and `FACTORS` is 3.
 #[test]
 fn factors_are_found() {
     for scale in [0.01, 0.1, 0.5, 2.0, 100.0, 0.37] {
@@ -183,7 +183,7 @@ fn cameras_and_splats_that_are_elsewhere_are_named() {
     let away = camera(DVec3::new(0.6, -28.0, 15.0), DVec3::new(0.0, -60.0, 40.0));
     let result = compared(&splats(), &mesh(None), away);
     assert_eq!(result.findings(), [Finding::Cameras], "{result:?}");
-    // Splats in another unit: the wanted view shows the mesh only.
+    // If the splats have another unit, the wanted view shows only the mesh.
     let mut small = splats();
     small.means.iter_mut().flatten().for_each(|v| *v *= 0.02);
     small.scales.iter_mut().flatten().for_each(|v| *v *= 0.02);

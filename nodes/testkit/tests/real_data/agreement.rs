@@ -1,5 +1,5 @@
-//! Tests of the comparison of splats and meshes: real and synthetic places, as they are and with faults. A run with
-//! `--nocapture` prints the rows of the table in docs/formats.md.
+//! Tests of the comparison of splats and meshes with real and synthetic places, as they are and with faults. A run
+//! with `--nocapture` prints a table row for each comparison.
 
 use std::sync::Arc;
 
@@ -17,12 +17,13 @@ use nodes::types::{Camera, Mesh, Pose, Rig, Splats};
 
 use super::data;
 
-/// A place with its mesh, wanted cameras and the middle of an object.
+/// A place with its splats, its mesh and cameras.
 struct Scene {
     name: &'static str,
     splats: Arc<Splats>,
     mesh: Arc<Mesh>,
     cameras: Vec<Camera>,
+    /// Middle of an inserted object.
     around: DVec3,
     up: Up,
     /// World units per metre.
@@ -41,7 +42,7 @@ fn bench() -> Scene {
     }
 }
 
-/// A demo place with the size of `graphs/starter.ron`.
+/// A demo place of the same size as in `graphs/starter.ron`.
 fn demo(name: &'static str, place: Setting, height: f64) -> Scene {
     let params = DemoScene {
         place,
@@ -63,7 +64,8 @@ fn demo(name: &'static str, place: Setting, height: f64) -> Scene {
     }
 }
 
-/// A capture with a view and a place for an object, as `init` chooses them.
+/// A capture with a view and a place for an object, like those that `init` chooses. Without `mesh`, the mesh is
+/// extracted from the splats.
 fn capture(
     name: &'static str,
     path: &str,
@@ -120,7 +122,7 @@ fn compared(scene: &Scene, fault: &str, splats: &Splats, mesh: &Mesh) -> Compari
     found
 }
 
-/// Mutation: `SHIFTED` and `SCALED` of 0.03, seen red for the garden.
+/// This test fails for the garden if `SHIFTED` and `SCALED` are 0.03.
 #[test]
 fn captures_that_agree_raise_no_alarm() {
     let (z, y) = (Up::PlusZ, Up::MinusY);
@@ -153,7 +155,7 @@ fn placed(mesh: &Mesh, by: &Similarity) -> Mesh {
     Mesh { positions, positions_low: Vec::new(), ..mesh.clone() }
 }
 
-/// Similarities that tools leave out: units, axes, shifts.
+/// Similarity transforms that tools often fail to apply: units, axes and shifts.
 fn faults() -> Vec<(String, Similarity)> {
     let one = Similarity::IDENTITY;
     let scales = [0.01, 0.1, 0.5, 2.0, 100.0].map(|scale| (format!("x{scale}"), Similarity { scale, ..one }));
@@ -187,7 +189,8 @@ fn faults_are_found(scene: &Scene) {
     }
 }
 
-/// Mesh with cubes in the air within `reach`, whose triangles are 5 % of all.
+/// The mesh with additional cubes of side `side` in the air within `reach` of the object. The number of their
+/// triangles is 5 % of the number of triangles of the mesh.
 fn with_debris(scene: &Scene, side: f64, reach: f64) -> Mesh {
     let mut mesh = (*scene.mesh).clone();
     let random = |i: u32, k: u32| fraction(hash(i, k));
@@ -209,7 +212,8 @@ fn with_debris(scene: &Scene, side: f64, reach: f64) -> Mesh {
     mesh
 }
 
-/// Mesh without what is beyond a plane and faces along its normal: floors and other walls stay.
+/// The mesh without the triangles that are beyond a plane and face along `axis`, the normal of the plane. Floors
+/// and other walls stay.
 fn without_wall(mesh: &Mesh, axis: DVec3, beyond: f64) -> Mesh {
     let is_wall = |t: &[u32; 3]| {
         let [a, b, c] = t.map(|i| mesh.position(i));

@@ -17,14 +17,14 @@ pub const GREY: f32 = 0.5;
 /// channel of 0. The shadow, or one of its channels, would be lost there.
 pub const DARKEST: f32 = 0.01;
 
-/// Number of triangles that are prepared by one job.
+/// Number of triangles that one job prepares.
 const PIECE: usize = 1 << 16;
 
 /// Triangles after subdivision.
 struct Cut {
     corners: Vec<[Vec3; 3]>,
     colours: Vec<[Vec3; 3]>,
-    /// Number of cuts that the limit still allows.
+    /// Number of cuts that are left until the limit is reached.
     left: usize,
 }
 
@@ -49,7 +49,7 @@ impl Receiver {
         Self::made(mesh, origin, None).unwrap_or_default()
     }
 
-    /// The same receiver as [`new`](Self::new), on the threads of a node.
+    /// Makes the same receiver as [`new`](Self::new), on the threads of a node.
     ///
     /// # Errors
     /// If the run is cancelled.
@@ -92,7 +92,8 @@ impl Receiver {
         let mut parts = each(cx, pieces.len(), |i| cut(&mut rule.clone(), pieces[i]))?;
         let cuts = parts.iter().fold(0, |sum: usize, part| sum.saturating_add(rule.room() - part.left));
         if cuts >= rule.room() {
-            // The limit on all cuts applies in the order of the triangles.
+            // The limit is reached. It applies to the triangles in their order, so they are subdivided one after
+            // the other.
             parts = vec![cut(&mut rule.clone(), &mesh.triangles)];
         }
         let (mut corners, mut colours) = (Vec::new(), Vec::new());

@@ -28,7 +28,7 @@ const MOST: usize = 1 << 17;
 /// Position of a corner relative to the origin, and its colour.
 pub type Corner = (DVec3, Vec3);
 
-/// Distances of the triangles of a mesh from the origin.
+/// Minimum and maximum distance of the triangles of a mesh from the origin, and their number.
 #[derive(Debug, Clone, Copy)]
 pub struct Extent {
     near: f64,
@@ -71,7 +71,7 @@ fn is_real([a, b, c]: [DVec3; 3]) -> bool {
 }
 
 impl Extent {
-    /// Distances of some triangles, relative to the origin. Triangles without an area do not count.
+    /// Computes the extent of triangles, given relative to the origin. Triangles without area are ignored.
     pub fn of(triangles: impl Iterator<Item = [DVec3; 3]>) -> Self {
         let (mut near, mut far, mut count) = (f64::INFINITY, 0.0_f64, 0_usize);
         for triangle in triangles.filter(|t| is_real(*t)) {
@@ -82,7 +82,7 @@ impl Extent {
         Self { near, far, count }
     }
 
-    /// Distances of these triangles and others.
+    /// Extent of the triangles of both.
     pub fn with(self, other: Self) -> Self {
         let (near, far) = (self.near.min(other.near), self.far.max(other.far));
         Self { near, far, count: self.count + other.count }
@@ -90,13 +90,13 @@ impl Extent {
 }
 
 impl Subdivision {
-    /// Computes the rule for the triangles of a mesh.
+    /// Computes the rule for a mesh with this extent.
     pub fn of(extent: Extent) -> Self {
         let Extent { near, far, count } = extent;
         Self { least: (NEAREST * near).max(FINEST * far), room: 2 * count + MOST }
     }
 
-    /// Number of cuts that remain; 0 if the limit was reached.
+    /// Number of cuts that are left; 0 if the limit has been reached.
     pub fn room(&self) -> usize {
         self.room
     }

@@ -100,7 +100,8 @@ impl EnvironmentLight {
         let weight = |t: &[f32; 4]| (0..3).map(|k| f64::from(t[k]) * scales[k]).sum::<f64>();
         let weights: Vec<f32> = texels.iter().map(|t| if black { 1.0 } else { weight(t) as f32 }).collect();
         let bright: Vec<bool> = weights.iter().map(|&w| f64::from(w) > 3.0 * BRIGHT).collect();
-        // One list of weights for each tier, and densities in the texels themselves: a panorama may have 100 million.
+        // A panorama may have 100 million texels. To save memory, there is only one list of weights per tier, and
+        // the densities are stored in the texels.
         let of_bright =
             weights.iter().zip(&bright).map(|(weight, bright)| if *bright { *weight } else { 0.0 });
         let high: Vec<f32> = of_bright.collect();
