@@ -17,10 +17,11 @@ use nodes::kinds::shadow_ratio::{self, ShadowRatio};
 use nodes::math::color::luminance;
 use nodes::types::{Environment, Images, Mesh, Placed, Rig};
 
-/// Amount of tracing.
+/// Numbers of seeds and samples with which the scenes are traced.
 struct Effort {
     seeds: u64,
-    /// Number of seeds and number of samples of the truth. Its seeds differ from those of the measurements.
+    /// Number of seeds, and number of samples per pixel, with which the true values are computed. None of these
+    /// seeds is used by a measurement.
     truth: (u64, u32),
     /// Maximum number of samples of the measurement with an error bound.
     most: u32,

@@ -18,7 +18,7 @@ use crate::{Data, thread_seconds};
 /// Scene prepared for tracing.
 pub struct Case {
     data: Data,
-    /// Folder of the scene, relative to that of the data.
+    /// Folder of the scene, relative to the data folder.
     folder: String,
     /// The mesh that receives shadows, with baked colours.
     pub receiver: Arc<Mesh>,

@@ -29,7 +29,7 @@ struct Case {
     name: &'static str,
     against: &'static str,
     /// Maximum permitted error, independent of `errors.tsv`. It allows for the rounding of the format and for
-    /// another order of sums.
+    /// a different order of summation.
     bound: f64,
     errors: Vec<f64>,
 }

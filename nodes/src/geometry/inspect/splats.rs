@@ -225,7 +225,7 @@ fn findings(
             "far-splats",
             middle > 0.0 && all > 30.0 * middle,
             format!(
-                "the box around all splats is {:.0} times as large as the box around most of them",
+                "the bounding box of all splats is {:.0} times as large as the bounding box of most of them",
                 all / middle
             ),
         ),

@@ -23,7 +23,7 @@ pub(super) struct Stand {
     pub ceiling: Option<f64>,
 }
 
-/// Fits the floor that a profile found.
+/// Fits a plane to the floor that a profile found.
 pub(super) fn refine(patches: &Patches, profile: &Profile) -> Stand {
     let [x, y] = across(profile.up);
     let mut band = (0.03 * profile.height().max(0.2 * patches.radius)).min(0.05 * patches.radius);

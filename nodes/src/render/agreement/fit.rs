@@ -1,5 +1,5 @@
 //! Fits a mesh to points by iterated closest points (Besl and McKay 1992), with distances to planes (Chen and
-//! Medioni 1992). The fit includes a scale, and its weights ignore points that do not fit.
+//! Medioni 1992). The fit includes a scale. Points far from the mesh have little or no weight.
 
 use glam::{DMat3, DQuat, DVec3};
 
@@ -47,8 +47,8 @@ impl Placed<'_> {
         sum / total
     }
 
-    /// Refines the transform so that the cloud fits every `step`-th point. If `near` is true, the maximum distances
-    /// between paired points start small.
+    /// Refines the transform so that the cloud fits every `step`-th point. If `near` is true, the iterations with
+    /// the largest distances between paired points are skipped, because the cloud is nearly in place.
     pub fn fitted(mut self, spots: &Spots, step: usize, near: bool) -> Similarity {
         let unit = spots.distance;
         let first = if near { NEAR } else { 0 };

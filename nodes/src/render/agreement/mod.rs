@@ -40,9 +40,10 @@ const AGREES: f64 = 0.8;
 const FOUND: f64 = 0.4;
 /// Minimum increase of the agreement for the transform to be reported.
 const GAIN: f64 = 0.12;
-/// Minimum share of the points at which the mesh must be visible to count as a mesh of a part of the place.
+/// A mesh that is visible at fewer than this share of the points cannot count as a mesh of a part of the place.
 const PART: f64 = 0.02;
-/// Minimum agreement at these points at which such a mesh counts as being in the frame of the splats.
+/// Minimum agreement, at the points where the mesh is visible, at which a mesh of a part of the place counts as
+/// being in the frame of the splats.
 const PART_AGREES: f64 = 0.9;
 /// Agreement below which splats and mesh are reported even if no transform is found.
 const DISAGREES: f64 = 0.12;
@@ -54,15 +55,15 @@ const SCALED: f64 = 0.06;
 const TURNED_DEG: f64 = 3.0;
 /// If splats or mesh cover a smaller share of the wanted views than this, they count as not visible.
 const UNSEEN: f64 = 0.02;
-/// Minimum cosine of the angle between the up direction of the scene and the measured one, for a place that stands
-/// upright.
+/// Minimum cosine of the angle between the up direction of the scene and the up direction measured from a place,
+/// for the place to count as upright.
 const UPRIGHT: f64 = 0.94;
-/// Minimum share of the pixels at which debris is reported.
+/// Minimum share of the pixels of a view that debris must cover to be reported.
 const DEBRIS: f64 = 0.006;
-/// Minimum share of the pixels at which missing surfaces are reported.
+/// Minimum share of the pixels of a view that missing surfaces must cover to be reported.
 const MISSING: f64 = 0.03;
-/// Half the distance from the splats at which a part of the mesh counts as debris, or a surface of the splats as
-/// missing, as a share of its distance from the eye.
+/// Half of the minimum distance between splats and mesh at which a part of the mesh counts as debris, or a surface
+/// of the splats as missing. The distance is a share of the distance from the eye.
 const TOLERANCE: f64 = 0.05;
 
 /// Input of a comparison.
@@ -251,7 +252,7 @@ fn visible(sights: &[Sight], depths: &[Vec<f64>]) -> Option<[f64; 2]> {
 }
 
 impl Moved {
-    /// Makes a transform with its measures. `likely` is `Mesh` until it is determined.
+    /// Computes the angle and the shift of a transform. `likely` is `Mesh` until the caller determines it.
     fn of(by: Similarity, agreement: f64, spots: &Spots) -> Self {
         let turn = by.rotation;
         let cosine = 0.5 * (turn.x_axis.x + turn.y_axis.y + turn.z_axis.z - 1.0);
@@ -260,7 +261,8 @@ impl Moved {
         Self { by, agreement, turn_deg, shift, likely: Likely::Mesh }
     }
 
-    /// True if the transform is large enough to be reported and its agreement is sufficiently higher than `here`.
+    /// True if the transform is large enough to be reported and its agreement is sufficiently higher than `here`,
+    /// the agreement of the mesh at its own position.
     fn is_found(&self, here: f64, spots: &Spots) -> bool {
         let far = self.shift >= SHIFTED * spots.distance
             || (self.by.scale - 1.0).abs() >= SCALED

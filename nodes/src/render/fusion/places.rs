@@ -70,8 +70,8 @@ impl Ground<'_> {
         DepthView::of(self.splats, self.blocks, camera, self.origin, self.settings, cx)
     }
 
-    /// Renders the six faces around a place. They are rotated by its number, so that the pixels of no two
-    /// places have the same directions.
+    /// Renders the six faces around a place. They are rotated by an angle that depends on the number of the place,
+    /// so that no two places have pixels in the same directions.
     fn around(&self, eye: Vec3, number: usize, cx: &Context) -> Result<Vec<DepthView>, NodeError> {
         let eye = self.origin + eye.as_dvec3();
         let (sin, cos) = num::sin_cos(0.47 + 2.399_963 * number as f64);

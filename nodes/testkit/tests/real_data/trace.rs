@@ -32,9 +32,10 @@ fn compare(name: &str, ours: &[f32], reference: &[f32]) -> (f64, f64) {
     (ratio, relmse)
 }
 
-/// Compares the luminance of `without` with that of another program. The difference of each pixel is divided by its
-/// standard error. Returns the mean of this score over the pixels, and the share of pixels above 3. The variance of
-/// the other program is assumed to be `noise` times (its squared luminance + 0.01), as stated in its notes.
+/// Compares the luminance of `without` with the luminance in a render by another program. The difference at each
+/// pixel is divided by its standard error. Returns the mean of this score over the pixels, and the share of pixels
+/// above 3. The variance of the other render is assumed to be `noise` times (its squared luminance + 0.01), as
+/// stated in its notes.
 fn z_scores(out: &path_trace::Out, outside: &[f32], noise: f64) -> (f64, f64) {
     let y = |rgb: &[f32]| f64::from(luminance([rgb[0], rgb[1], rgb[2]]));
     let variance = out.variance.0[0].picture.samples().chunks(4).map(|v| f64::from(v[0]));
