@@ -4,7 +4,7 @@
 //!
 //! All results are deterministic, so `errors.tsv` is the same on every machine. If a line changes, a picture has
 //! changed: look at the picture, then update the file with `UPDATE_GOLDEN=1`.
-#![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 mod direct;
 mod ground;

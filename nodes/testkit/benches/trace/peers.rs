@@ -27,11 +27,7 @@ pub fn once(data: &Data, folder: &Path, numbers: &[u32]) {
         let shadow = case.shadow(1, samples, how);
         // One sample has no variance, so nothing can be filtered.
         let (clean, filter) = denoised(&all.out, data);
-        assert_eq!(
-            rgb(&shadow.out.with),
-            rgb(&all.out.with),
-            "the shadow is the same without the object layer"
-        );
+        assert_eq!(rgb(&shadow.out.with), rgb(&all.out.with), "`shadow_only` must not change the shadow");
         let pictures = [
             ("without", Arc::clone(&all.out.without)),
             ("with", Arc::clone(&all.out.with)),
