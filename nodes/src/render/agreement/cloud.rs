@@ -1,4 +1,4 @@
-//! Points on a mesh, distributed evenly over its area, with a search for the nearest one.
+//! Points on a mesh, distributed evenly over its area, with a search for the point nearest to a position.
 
 use glam::DVec3;
 

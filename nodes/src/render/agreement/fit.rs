@@ -12,7 +12,8 @@ use crate::types::frame::Similarity;
 const GATES: [f64; 14] = [0.4, 0.4, 0.35, 0.3, 0.25, 0.2, 0.17, 0.14, 0.12, 0.1, 0.09, 0.08, 0.07, 0.06];
 /// Index in `GATES` of the first iteration for a cloud that is nearly in place.
 const NEAR: usize = 5;
-/// Damping for directions that the points do not determine, as a share of the mean diagonal element.
+/// Value added to the diagonal of the system of equations, as a share of its mean diagonal element. It keeps the
+/// solution close to 0 along directions that the points do not determine.
 const DAMPING: f64 = 2e-3;
 /// Minimum absolute cosine between the two normals of a pair.
 const ALIGNED: f64 = 0.7;

@@ -38,7 +38,7 @@ const AROUND: usize = 2;
 const AGREES: f64 = 0.8;
 /// Minimum agreement of a transformed mesh for the transform to be reported.
 const FOUND: f64 = 0.4;
-/// Minimum increase of the agreement for the transform to be reported.
+/// Minimum increase of the agreement by a transform for the transform to be reported.
 const GAIN: f64 = 0.12;
 /// A mesh that is visible at fewer than this share of the points cannot count as a mesh of a part of the place.
 const PART: f64 = 0.02;
@@ -47,11 +47,12 @@ const PART: f64 = 0.02;
 const PART_AGREES: f64 = 0.9;
 /// Agreement below which splats and mesh are reported even if no transform is found.
 const DISAGREES: f64 = 0.12;
-/// Minimum shift of a transform that is reported, as a share of the median distance of the points from the eye.
+/// A transform with at least this shift is large enough to be reported. The shift is a share of the median distance
+/// of the points from the eye.
 const SHIFTED: f64 = 0.1;
-/// Minimum relative change of scale of a transform that is reported.
+/// A transform with at least this relative change of scale is large enough to be reported.
 const SCALED: f64 = 0.06;
-/// Minimum angle of rotation, in degrees, of a transform that is reported.
+/// A transform with at least this angle of rotation, in degrees, is large enough to be reported.
 const TURNED_DEG: f64 = 3.0;
 /// If splats or mesh cover a smaller share of the wanted views than this, they count as not visible.
 const UNSEEN: f64 = 0.02;

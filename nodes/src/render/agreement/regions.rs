@@ -23,13 +23,13 @@ pub struct Regions {
     pub share: f64,
     /// Name of the view to which `share` refers; empty for the views around the objects.
     pub view: String,
-    /// Middle of the largest part in the world.
+    /// Middle of the largest part, in world coordinates.
     pub at: DVec3,
     /// Distance of the largest part from the eye, in world units.
     pub distance: f64,
 }
 
-/// A part of one view.
+/// A connected part of one view in which splats and mesh disagree.
 struct Part {
     pixels: Vec<usize>,
     /// Number of pixels whose eight neighbours are also in the part.

@@ -153,8 +153,8 @@ impl Spots {
         }
     }
 
-    /// Share of the points of a placed cloud that lie on the surface of the splats in at least one view. Only
-    /// points count that are in a view in which the splats have a surface at their pixel.
+    /// Share of the points of a placed cloud that lie on the surface of the splats in at least one view. Points
+    /// that are in no view, or only at pixels where the splats have no surface, are not counted.
     pub fn confirmed(&self, sights: &[Sight], Placed { cloud, at }: &Placed<'_>) -> f64 {
         let (mut seen, mut confirmed) = (0.0, 0.0);
         let cameras: Vec<DMat4> = sights.iter().map(|sight| sight.camera.camera_from_world()).collect();

@@ -21,7 +21,7 @@ const STEPS: [f32; 3] = [2.0, 4.0, 7.0];
 const AZIMUTHS: usize = 12;
 /// Changes of height from one place to the next that are tried, in clearances.
 const RISES: [f32; 3] = [-1.2, 0.0, 1.6];
-/// Share of the pixels seen from a place that may be nearer than the clearance.
+/// Maximum share of the pixels seen from a place that may show surfaces nearer than the clearance.
 const NEARER: f64 = 0.02;
 /// Minimum distance from a given place to the nearest surface, in metres. A place that is nearer counts as inside a
 /// surface.

@@ -165,8 +165,9 @@ pub(super) struct Pinhole {
     by_distance: bool,
 }
 
-/// Cosine of the largest angle between the viewing direction of a cap and a splat that is drawn. It is needed
-/// because the near plane does not apply to caps, and the projection diverges near the plane of the camera.
+/// Cosine of the maximum angle between the viewing direction of a cap and the direction of a splat that is drawn.
+/// The limit is needed because the near plane does not apply to caps, and the projection diverges near the plane of
+/// the camera.
 const ASIDE: f64 = 0.1;
 
 impl Pinhole {

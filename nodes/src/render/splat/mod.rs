@@ -163,7 +163,7 @@ pub const MAX_PIXELS: u64 = 1 << 28;
 /// Maximum side of a picture, in pixels.
 const MAX_SIDE: u32 = 1 << 19;
 
-/// Surface in front of a camera. Splats at or beyond it are left out of a pixel.
+/// Surface in front of a camera. At each pixel, splats at or beyond the surface are left out.
 #[derive(Debug, Clone, Copy)]
 pub struct Limit<'a> {
     /// Planar depth in world units: an image with one channel and the size of the picture. 0 or +inf means that

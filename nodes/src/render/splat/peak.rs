@@ -14,8 +14,8 @@ use glam::DVec3;
 use super::camera_model::CameraModel;
 use super::shape::axes;
 
-/// Maximum difference in depth between a peak and the centre of its splat, in standard deviations of the depth of
-/// the splat. If a splat is seen edge-on, peaks far from its centre may lie anywhere.
+/// Maximum difference in depth between a peak and the centre of its splat, in standard deviations of the splat
+/// along the depth axis. If a splat is seen edge-on, peaks at pixels far from its centre may be at any depth.
 const HELD_SIGMAS: f64 = 2.0;
 
 /// Minimum standard deviation along an axis, as a share of the longest, so that a flat splat has an inverse
