@@ -17,7 +17,7 @@ fn folder() -> &'static Path {
         let memory = Path::new("/dev/shm");
         let base = if memory.is_dir() { memory.to_owned() } else { std::env::temp_dir() };
         let folder = base.join(format!("lightharmony-fuzz-{}", std::process::id()));
-        std::fs::create_dir_all(&folder).expect("a folder for the files of a target");
+        std::fs::create_dir_all(&folder).expect("the folder for the files of a target must be writable");
         folder
     })
 }
@@ -25,7 +25,7 @@ fn folder() -> &'static Path {
 /// Writes files and runs a kind on them, as the engine does: `sources` first, then `run`.
 fn run<K: Kind>(params: &K::Params, inputs: K::In, files: &[(&str, &[u8])]) -> Result<(K::Out, Notes), NodeError> {
     for (name, bytes) in files {
-        std::fs::write(folder().join(name), bytes).expect("a file of a target");
+        std::fs::write(folder().join(name), bytes).expect("the files of a target must be writable");
     }
     let root = SourceRoot::new(folder());
     let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false };

@@ -7,8 +7,8 @@ use crate::geometry::support::Level;
 
 /// Number of columns, and number of rows, of the grid in which an object and the ground are sampled.
 const GRID: usize = 24;
-/// Number of standard deviations of noise by which the ground is lowered when contacts are searched. About one in a
-/// few hundred positions exceeds the mean by more than this.
+/// Number of standard deviations of noise by which the ground is lowered in the search for contacts. At about one
+/// in a few hundred positions, the noise is larger than this.
 const DEVIATIONS: f64 = 2.5;
 /// Number of rotation steps that make an object lie on its contacts. Each rotation is much smaller than the
 /// previous one.
@@ -16,17 +16,16 @@ const TURNS: u32 = 4;
 /// Maximum number of times that a contact is exchanged for a higher one.
 const EXCHANGES: u32 = 1000;
 
-/// A mesh below an object. The origin of its coordinates is a point at the foot of the object; they are in world
-/// units.
+/// A mesh below an object. Its coordinates are in world units, relative to a point at the foot of the object.
 #[derive(Debug)]
 pub struct Relief<'a> {
-    /// Tree of its triangles, along the axes of the world.
+    /// Bounding volume hierarchy of the triangles of the mesh. Coordinates are along the axes of the world.
     pub bvh: &'a Bvh,
     /// The corners of the triangles of the tree.
     pub corners: &'a [[Vec3; 3]],
-    /// Unit vectors in the world: two horizontal ones, across and along, and up.
+    /// Unit vectors in the world: the two horizontal axes, and the up direction.
     pub axes: [DVec3; 3],
-    /// Maximum vertical distance at which ground is searched, up and down, in world units.
+    /// Maximum height above or below the origin at which ground is found, in world units.
     pub reach: f64,
     /// The plane fitted to the ground.
     pub plane: Level,

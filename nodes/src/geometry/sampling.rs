@@ -167,7 +167,7 @@ fn wide_reversed<S: Simd>(x: u32x8<S>) -> u32x8<S> {
     (x >> 16) | (x << 16)
 }
 
-/// Stream of a pixel. Its points are scrambled in another way than those of other pixels and seeds.
+/// Stream of a pixel. The points of different pixels and seeds are scrambled differently.
 #[inline]
 pub fn stream(seed: u64, x: u32, y: u32) -> u32 {
     hash(hash(seed as u32, (seed >> 32) as u32), hash(x, y))

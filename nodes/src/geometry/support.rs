@@ -16,7 +16,7 @@ pub struct Foot {
     pub base: f64,
     /// Middle of the foot.
     pub middle: DVec3,
-    /// Half the size of the region in which ground is searched: the foot and a margin around it.
+    /// Half the size of the region in which the ground is examined: the foot and a margin around it.
     pub half: DVec3,
 }
 

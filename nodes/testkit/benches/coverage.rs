@@ -2,7 +2,7 @@
 //! ratio `with / without` of `path-trace`, and for the finished picture of `composite`. Prints the tables of
 //! `docs/evidence/trade.md`. Run it as `cargo bench -p lightharmony-testkit --bench coverage` in a checkout next to
 //! `shared`; with `-- small`, it only checks that the benchmark runs.
-#![allow(clippy::print_stdout, clippy::unwrap_used, reason = "a bench prints, and may stop")]
+#![allow(clippy::print_stdout, clippy::unwrap_used, reason = "a benchmark prints its results and may panic")]
 
 use std::path::Path;
 use std::sync::Arc;
@@ -17,10 +17,11 @@ use nodes::kinds::shadow_ratio::{self, ShadowRatio};
 use nodes::math::color::luminance;
 use nodes::types::{Environment, Images, Mesh, Placed, Rig};
 
-/// Amount of tracing.
+/// Numbers of seeds and samples with which the scenes are traced.
 struct Effort {
     seeds: u64,
-    /// Number of seeds and number of samples of the truth. Its seeds differ from those of the measurements.
+    /// Number of seeds, and number of samples per pixel, with which the true values are computed. None of these
+    /// seeds is used by a measurement.
     truth: (u64, u32),
     /// Maximum number of samples of the measurement with an error bound.
     most: u32,
@@ -51,7 +52,7 @@ impl Place {
     fn load(name: &str, (before, after): (&str, &str)) -> Self {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/tables");
         let text = std::fs::read_to_string(folder.join(name)).unwrap();
-        assert_eq!(text.matches(before).count(), 1, "{name} has no `{before}`");
+        assert_eq!(text.matches(before).count(), 1, "`{name}` must contain `{before}` exactly once");
         let source = Source::new(name, text.replace(before, after));
         let graph = Graph::parse(source, &nodes::registry(), SourceRoot::new(folder)).unwrap();
         let engine = Engine::new(Store::in_memory(), 2, 1 << 32);
@@ -201,7 +202,7 @@ fn main() {
     let small = std::env::args().any(|word| word == "small");
     let Effort { seeds, truth: (truth_seeds, truth_samples), most } = if small { SMALL } else { WHOLE };
     println!(
-        "| of | scene | samples | pixels with noise | within 1 | within 2 | within 3 | reported over true error | mean off by |"
+        "| output | scene | samples | pixels with noise | within 1 | within 2 | within 3 | reported / true error | mean error |"
     );
     println!("|---|---|---|---|---|---|---|---|---|");
     let demo = ("width_px: 160, height_px: 120", "width_px: 64, height_px: 48");

@@ -1,6 +1,6 @@
 //! Code shared by the benches of the kinds and their tests on real data: the data, its reference renders, scores of
 //! pictures, and clocks. It is a separate crate, so that programs and unit tests are built without it.
-#![allow(clippy::unwrap_used, reason = "tests and benches may stop at the first surprise")]
+#![allow(clippy::unwrap_used, reason = "tests and benchmarks may panic")]
 
 mod data;
 mod render_refs;

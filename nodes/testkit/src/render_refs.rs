@@ -18,7 +18,7 @@ use crate::{Data, thread_seconds};
 /// Scene prepared for tracing.
 pub struct Case {
     data: Data,
-    /// Folder of the scene, relative to that of the data.
+    /// Folder of the scene, relative to the data folder.
     folder: String,
     /// The mesh that receives shadows, with baked colours.
     pub receiver: Arc<Mesh>,
@@ -158,7 +158,7 @@ impl Case {
 pub struct Traced {
     /// CPU seconds after `setup`.
     pub seconds: f64,
-    /// CPU seconds of a picture of one pixel.
+    /// CPU seconds of setup, measured with a picture of one pixel.
     pub setup: f64,
     /// Counts of the node, such as `rays`.
     pub counts: BTreeMap<&'static str, u64>,

@@ -21,8 +21,8 @@ pub fn relative_mse(ours: &[f32], reference: &[f32]) -> f64 {
     pairs.map(|(a, r)| (a - r) * (a - r) / (r * r + 0.01)).sum::<f64>() / ours.len() as f64
 }
 
-/// PSNR in dB for a peak of 1, and the largest deviation, over the first three channels. The pictures have
-/// `channels` and `others` channels.
+/// PSNR in dB for a peak of 1, and the largest deviation, over the first three channels. `seen` has `channels`
+/// channels, and `truth` has `others`.
 ///
 /// # Panics
 /// If the pictures have different numbers of pixels.

@@ -6,7 +6,7 @@ use nodes::types::{Cell, Mesh, Placed, Report};
 
 /// Number of vertical lines along each side of the region under the foot.
 const GRID: u32 = 24;
-/// Maximum distance from a plane of the points that belong to it, in metres.
+/// Maximum distance between a plane and a point that belongs to it, in metres.
 const NEAR: f64 = 0.02;
 
 /// Values in the report: the distance by which the object was moved, and the normal.

@@ -4,7 +4,7 @@
 //!
 //! All results are deterministic, so `errors.tsv` is the same on every machine. If a line changes, a picture has
 //! changed: look at the picture, then update the file with `UPDATE_GOLDEN=1`.
-#![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 mod direct;
 mod ground;
@@ -29,7 +29,7 @@ struct Case {
     name: &'static str,
     against: &'static str,
     /// Maximum permitted error, independent of `errors.tsv`. It allows for the rounding of the format and for
-    /// another order of sums.
+    /// a different order of summation.
     bound: f64,
     errors: Vec<f64>,
 }

@@ -124,7 +124,7 @@ pub fn lpips_safetensors() -> Vec<u8> {
     serialize(views, None).expect("names differ")
 }
 
-/// The shipped weights file, changed so that it predicts another amount of hidden light.
+/// The shipped weights file, changed so that it predicts a different amount of hidden light.
 pub fn exposure_safetensors() -> Vec<u8> {
     let shipped = include_bytes!("../../weights/exposure.safetensors");
     let shipped = safetensors::SafeTensors::deserialize(shipped).expect("is sound");

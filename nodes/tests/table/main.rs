@@ -1,6 +1,6 @@
 //! Tests of every kind, every parameter and every output. They use the registry of kinds and contain no list of
 //! names. A new kind is tested as soon as `table/fixture.ron` contains a node of this kind.
-#![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 mod files;
 

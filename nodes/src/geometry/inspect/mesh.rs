@@ -79,7 +79,7 @@ pub fn inspect(mesh: &Mesh) -> Inspection {
             "odd-edges",
             found.odd_edges > 0,
             format!(
-                "{} edges belong to triangles with opposite orientations or to more than two triangles",
+                "number of edges that belong to two triangles with opposite orientations or to more than two triangles: {}",
                 found.odd_edges
             ),
         ),

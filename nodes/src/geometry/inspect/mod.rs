@@ -84,8 +84,8 @@ struct Patch {
 }
 
 /// Number of standard deviations by which the flat area in a slab must exceed chance. The threshold is high because
-/// it applies to the maximum over 384 slabs with very different weights. For noise, the maximum reached 4 in 200
-/// tries.
+/// it applies to the maximum over 384 slabs with very different weights. In 200 trials with noise, the largest
+/// value was 4.
 const SIGNIFICANT: f64 = 8.0;
 
 /// Sums over the patches in a slab, or over all patches.

@@ -225,7 +225,7 @@ fn findings(
             "far-splats",
             middle > 0.0 && all > 30.0 * middle,
             format!(
-                "the box around all splats is {:.0} times as large as the box around most of them",
+                "the bounding box of all splats is {:.0} times as large as the bounding box of most of them",
                 all / middle
             ),
         ),
@@ -245,7 +245,7 @@ fn findings(
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+#[allow(clippy::unwrap_used, reason = "a test may panic")]
 mod tests {
     use super::*;
     use crate::geometry::inspect::AXES;

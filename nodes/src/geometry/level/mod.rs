@@ -25,10 +25,10 @@ pub use scale::Scale;
 const AXES: usize = 6;
 /// Weight of the logarithm of the concentration in layers (see [`axes`]) as evidence that an axis is the vertical.
 const LAYERED: f64 = 6.0;
-/// Concentration in layers below which an estimate is less reliable. Evenly spread splats with random orientations
+/// Minimum concentration in layers of a fully reliable estimate. Evenly spread splats with random orientations
 /// reach 0.01.
 const LEAST_LAYERING: f64 = 0.045;
-/// Number of patches of ground below which an estimate is less reliable.
+/// Minimum number of patches of the floor for a fully reliable estimate.
 const LEAST_OBSERVATIONS: f64 = 150.0;
 /// Minimum confidence of a reliable direction.
 pub const SURE: f64 = 0.95;

@@ -7,11 +7,12 @@ use serde::Serialize;
 use super::axes::across;
 use super::patch::{Patch, Patches};
 
-/// Number of layers of the scene.
+/// Number of layers into which the scene is divided along the direction.
 const LAYERS: usize = 96;
 /// Number of cells along each side of the plan.
 const CELLS: usize = 40;
-/// Number of layers in each column of the plan.
+/// Number of layers into which the column of space above each cell of the plan is divided, from the floor to the
+/// top.
 const STOREYS: usize = 24;
 
 /// Distribution of surface along a direction, as evidence that the direction is up. Fields that are described as a

@@ -11,7 +11,7 @@ use crate::geometry::support::Level;
 const ROUNDS: usize = 4;
 /// Maximum slope of a floor whose normal is used as `up`, as rise over run: 8 degrees.
 const STEEP: f64 = 0.14;
-/// Share of the plan of a scene that a layer must cover to count as a ceiling.
+/// Minimum share of the plan of a scene that a layer must cover to count as a ceiling.
 const CEILING_COVER: f64 = 0.3;
 
 /// The orientation of a scene, with its floor and ceiling.
@@ -23,7 +23,7 @@ pub(super) struct Stand {
     pub ceiling: Option<f64>,
 }
 
-/// Fits the floor that a profile found.
+/// Fits a plane to the floor that a profile found.
 pub(super) fn refine(patches: &Patches, profile: &Profile) -> Stand {
     let [x, y] = across(profile.up);
     let mut band = (0.03 * profile.height().max(0.2 * patches.radius)).min(0.05 * patches.radius);

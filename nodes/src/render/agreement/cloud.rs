@@ -1,4 +1,4 @@
-//! Points on a mesh, distributed evenly over its area, with a search for the nearest one.
+//! Points on a mesh, distributed evenly over its area, with a search for the point nearest to a position.
 
 use glam::DVec3;
 
@@ -11,18 +11,20 @@ const POINTS: usize = 24_000;
 /// Maximum number of points in a leaf of the tree.
 const LEAF: usize = 8;
 
-/// Points on a mesh with their normals, in a tree.
+/// Points on a mesh with their normals, sorted as a k-d tree.
 pub(super) struct Cloud {
-    /// Points and unit normals, in the order of the tree: each range of points is divided at its middle index,
-    /// along its widest axis.
+    /// Points and unit normals. Each range of more than [`LEAF`] points is divided at its middle index, so that no
+    /// point of the first half has a larger coordinate along the widest axis of the range than a point of the
+    /// second half.
     pub points: Vec<(DVec3, DVec3)>,
-    /// Axis and coordinate of the plane that divides a range, at the middle index of the range.
+    /// Axis and coordinate of the plane that divides each range. The index of an entry is the middle index of its
+    /// range.
     planes: Vec<(u8, f64)>,
-    /// Box around the points.
+    /// Bounding box of the points.
     bounds: [DVec3; 2],
     /// Mean distance between neighbouring points, in units of the mesh.
     pub spacing: f64,
-    /// Median of the points along each axis.
+    /// Median of the coordinates of the points along each axis.
     pub middle: DVec3,
     /// Median distance of the points from `middle`.
     pub radius: f64,
@@ -149,7 +151,7 @@ fn bounds(points: &[(DVec3, DVec3)]) -> [DVec3; 2] {
     points.iter().fold([first, first], |[low, high], (p, _)| [low.min(*p), high.max(*p)])
 }
 
-/// Sorts the points into the order of the tree.
+/// Sorts the points as a k-d tree, and stores the dividing planes in `planes`.
 fn divide(points: &mut [(DVec3, DVec3)], planes: &mut [(u8, f64)]) {
     let mut waiting = vec![(0, points.len())];
     while let Some((first, last)) = waiting.pop() {

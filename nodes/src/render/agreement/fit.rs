@@ -1,5 +1,5 @@
 //! Fits a mesh to points by iterated closest points (Besl and McKay 1992), with distances to planes (Chen and
-//! Medioni 1992). The fit includes a scale, and its weights ignore points that do not fit.
+//! Medioni 1992). The fit includes a scale. Points far from the mesh have little or no weight.
 
 use glam::{DMat3, DQuat, DVec3};
 
@@ -12,7 +12,8 @@ use crate::types::frame::Similarity;
 const GATES: [f64; 14] = [0.4, 0.4, 0.35, 0.3, 0.25, 0.2, 0.17, 0.14, 0.12, 0.1, 0.09, 0.08, 0.07, 0.06];
 /// Index in `GATES` of the first iteration for a cloud that is nearly in place.
 const NEAR: usize = 5;
-/// Damping for directions that the points do not determine, as a share of the mean diagonal element.
+/// Value added to the diagonal of the system of equations, as a share of its mean diagonal element. It keeps the
+/// solution close to 0 along directions that the points do not determine.
 const DAMPING: f64 = 2e-3;
 /// Minimum absolute cosine between the two normals of a pair.
 const ALIGNED: f64 = 0.7;
@@ -47,8 +48,8 @@ impl Placed<'_> {
         sum / total
     }
 
-    /// Refines the transform so that the cloud fits every `step`-th point. If `near` is true, the maximum distances
-    /// between paired points start small.
+    /// Refines the transform so that the cloud fits every `step`-th point. If `near` is true, the iterations with
+    /// the largest distances between paired points are skipped, because the cloud is nearly in place.
     pub fn fitted(mut self, spots: &Spots, step: usize, near: bool) -> Similarity {
         let unit = spots.distance;
         let first = if near { NEAR } else { 0 };

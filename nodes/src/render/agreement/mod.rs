@@ -38,13 +38,14 @@ const AROUND: usize = 2;
 const AGREES: f64 = 0.8;
 /// Minimum agreement of a transformed mesh for the transform to be reported.
 const FOUND: f64 = 0.4;
-/// Minimum increase of the agreement for the transform to be reported.
+/// Minimum increase of the agreement by a transform for the transform to be reported.
 const GAIN: f64 = 0.12;
 /// Difference of agreements from which the larger one is better, whatever the transform.
 const SIMILAR: f64 = 0.06;
 /// Share of the points from which the mesh is a part of the place, and agreement there from which it is in its place.
 const PART: f64 = 0.02;
-/// Minimum agreement at these points at which such a mesh counts as being in the frame of the splats.
+/// Minimum agreement, at the points where the mesh is visible, at which a mesh of a part of the place counts as
+/// being in the frame of the splats.
 const PART_AGREES: f64 = 0.9;
 /// Agreement below which splats and mesh are reported even if no transform is found.
 const DISAGREES: f64 = 0.12;
@@ -53,21 +54,21 @@ const PART_DISAGREES: f64 = 0.5;
 /// Shift, relative to the median distance, relative change of size, and turn in degrees from which a transform is
 /// reported.
 const SHIFTED: f64 = 0.1;
-/// Minimum relative change of scale of a transform that is reported.
+/// A transform with at least this relative change of scale is large enough to be reported.
 const SCALED: f64 = 0.06;
-/// Minimum angle of rotation, in degrees, of a transform that is reported.
+/// A transform with at least this angle of rotation, in degrees, is large enough to be reported.
 const TURNED_DEG: f64 = 3.0;
 /// If splats or mesh cover a smaller share of the wanted views than this, they count as not visible.
 const UNSEEN: f64 = 0.02;
-/// Minimum cosine of the angle between the up direction of the scene and the measured one, for a place that stands
-/// upright.
+/// Minimum cosine of the angle between the up direction of the scene and the up direction measured from a place,
+/// for the place to count as upright.
 const UPRIGHT: f64 = 0.94;
-/// Minimum share of the pixels at which debris is reported.
+/// Minimum share of the pixels of a view that debris must cover to be reported.
 const DEBRIS: f64 = 0.006;
-/// Minimum share of the pixels at which missing surfaces are reported.
+/// Minimum share of the pixels of a view that missing surfaces must cover to be reported.
 const MISSING: f64 = 0.03;
-/// Half the distance from the splats at which a part of the mesh counts as debris, or a surface of the splats as
-/// missing, as a share of its distance from the eye.
+/// Half of the minimum distance between splats and mesh at which a part of the mesh counts as debris, or a surface
+/// of the splats as missing. The distance is a share of the distance from the eye.
 const TOLERANCE: f64 = 0.05;
 
 /// Place that is compared.
@@ -266,7 +267,7 @@ fn visible(sights: &[Sight], depths: &[Vec<f64>]) -> Option<[f64; 2]> {
 }
 
 impl Moved {
-    /// Makes a transform with its measures. `likely` is `Mesh` until it is determined.
+    /// Computes the angle and the shift of a transform. `likely` is `Mesh` until the caller determines it.
     fn of(by: Similarity, agreement: f64, spots: &Spots) -> Self {
         let turn = by.rotation;
         let cosine = 0.5 * (turn.x_axis.x + turn.y_axis.y + turn.z_axis.z - 1.0);
@@ -275,7 +276,8 @@ impl Moved {
         Self { by, agreement, turn_deg, shift, likely: Likely::Mesh }
     }
 
-    /// True if the transform is large enough to be reported and its agreement is sufficiently higher than `here`.
+    /// True if the transform is large enough to be reported and its agreement is sufficiently higher than `here`,
+    /// the agreement of the mesh at its own position.
     fn is_found(&self, here: f64, spots: &Spots) -> bool {
         let far = self.shift >= SHIFTED * spots.distance
             || (self.by.scale - 1.0).abs() >= SCALED

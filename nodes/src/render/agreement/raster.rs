@@ -32,7 +32,8 @@ pub(super) fn depths(mesh: &Mesh, world_from_mesh: &DMat4, camera: &Camera, near
         .collect()
 }
 
-/// Corners of the part of a triangle beyond the near plane, and their number, three or four.
+/// Corners of the part of a triangle beyond the near plane, and their number: 3 or 4, or 0 if there is no such
+/// part.
 fn cut(corners: [DVec3; 3], near: f64) -> ([DVec3; 4], usize) {
     let (mut out, mut count) = ([DVec3::ZERO; 4], 0);
     for i in 0..3 {

@@ -11,7 +11,8 @@ const APART: f64 = 0.12;
 /// Maximum distance beyond the bounding box of the mesh at which a surface can count as missing, as a share of its
 /// distance from the eye.
 const MARGIN: f64 = 0.02;
-/// A part floats if the mesh ends in front of something farther away along at least this share of its outline.
+/// Minimum share of the outline of a part along which the mesh next to it must be farther away, for the part to
+/// count as floating.
 const FLOATS: f64 = 0.65;
 
 /// Parts of the views in which splats and mesh disagree.
@@ -20,15 +21,15 @@ pub struct Regions {
     /// Share of the pixels that the parts cover, in the view where this share is largest. The views around the
     /// objects count as one view.
     pub share: f64,
-    /// Name of that view; empty for the views around the objects.
+    /// Name of the view to which `share` refers; empty for the views around the objects.
     pub view: String,
-    /// Middle of the largest part in the world.
+    /// Middle of the largest part, in world coordinates.
     pub at: DVec3,
     /// Distance of the largest part from the eye, in world units.
     pub distance: f64,
 }
 
-/// A part of one view.
+/// A connected part of one view in which splats and mesh disagree.
 struct Part {
     pixels: Vec<usize>,
     /// Number of pixels whose eight neighbours are also in the part.
@@ -36,7 +37,8 @@ struct Part {
     sight: usize,
 }
 
-/// Connected parts of the marked pixels. Neighbours are connected if their depths are similar.
+/// Connected parts of the marked pixels of a view. Two neighbouring pixels are connected if their depths are
+/// similar.
 fn parts(sight: &Sight, index: usize, marked: &[bool], depth: &[f64]) -> Vec<Part> {
     let (width, height) = sight.size();
     let mut label = vec![usize::MAX; marked.len()];
@@ -144,8 +146,8 @@ pub(super) fn debris(sights: &[Sight], depths: &[Vec<f64>], spots: &Spots, toler
     summary(sights, &floating, |sight, pixel| depths[sight][pixel])
 }
 
-/// Finds surfaces of the splats, within the bounding box `[low, high]` of the mesh, at which the mesh has no
-/// surface or only one that is farther away.
+/// Finds surfaces of the splats within the bounding box `[low, high]` of the mesh where the mesh has no surface or
+/// only a surface farther from the eye.
 pub(super) fn missing(
     sights: &[Sight],
     depths: &[Vec<f64>],

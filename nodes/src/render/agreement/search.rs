@@ -26,9 +26,10 @@ const SHIFT: f64 = 0.125;
 const SHIFTS: u32 = 9;
 /// Number of shifts that are refined.
 const STARTS: usize = 5;
-/// Shift away from a fit that is tried, as a share of the median distance of the points from the eye.
+/// Length of the shifts that are applied to a fitted mesh to look for a better fit, as a share of the median
+/// distance of the points from the eye.
 const ASIDE: f64 = 0.07;
-/// Maximum number of times that a fit is changed and fitted again.
+/// Maximum number of times that a fitted mesh is moved or scaled and then fitted again.
 const CLIMBS: usize = 4;
 /// Number of transforms that are refined.
 const REFINED: usize = 8;
@@ -112,9 +113,9 @@ pub(super) fn anywhere(cloud: &Cloud, spots: &Spots) -> Vec<Similarity> {
     refined.into_iter().map(|(_, at)| simplest(cloud, spots, at)).collect()
 }
 
-/// Fits the mesh from a start, then changes the result and fits again as long as this is better. Returns the
-/// agreement and the transform. A single fit could stop where a wall of the mesh is near the wrong wall of the
-/// splats.
+/// Fits the mesh, starting from the transform `start`. Then moves or scales the fitted mesh and fits it again, as
+/// long as the agreement increases. Returns the agreement and the transform. A single fit could stop where a wall
+/// of the mesh is near the wrong wall of the splats.
 fn climbed(cloud: &Cloud, spots: &Spots, start: Similarity) -> (f64, Similarity) {
     let fits = |at: Similarity, slack: f64| Placed { cloud, at }.agreement(spots, step(spots, FITTED), slack);
     let fitted = |at: Similarity, near: bool| Placed { cloud, at }.fitted(spots, step(spots, FITTED), near);

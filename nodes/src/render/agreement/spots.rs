@@ -21,7 +21,7 @@ const BACKDROP: f64 = 10.0;
 const GRAIN: f64 = 2.0;
 /// Approximate number of splats that are sampled for their sizes or centres.
 const MEASURED: usize = 4000;
-/// Minimum opacity of these splats.
+/// Minimum opacity of the sampled splats.
 const OPAQUE: f32 = 0.3;
 /// Maximum distance of a point of the mesh from the surface of the splats at which it counts as on the surface, as a
 /// share of its distance from the eye.
@@ -58,7 +58,7 @@ pub(super) struct Spots {
     pub list: Vec<Spot>,
     /// Median distance of the points from the eye, in world units.
     pub distance: f64,
-    /// Median of the points along each axis.
+    /// Median of the coordinates of the points along each axis.
     pub middle: DVec3,
     /// Median distance of the points from `middle`.
     pub radius: f64,
@@ -153,8 +153,8 @@ impl Spots {
         }
     }
 
-    /// Share of the points of a placed cloud that lie on the surface of the splats in at least one view. Only
-    /// points count that are in a view in which the splats have a surface at their pixel.
+    /// Share of the points of a placed cloud that lie on the surface of the splats in at least one view. Points
+    /// that are in no view, or only at pixels where the splats have no surface, are not counted.
     pub fn confirmed(&self, sights: &[Sight], Placed { cloud, at }: &Placed<'_>) -> f64 {
         let (mut seen, mut confirmed) = (0.0, 0.0);
         let cameras: Vec<DMat4> = sights.iter().map(|sight| sight.camera.camera_from_world()).collect();
@@ -208,18 +208,19 @@ pub(super) struct Agreement {
     /// Weighted mean over the points at which the argument `known` of [`Spots::agreement`] is finite; 0 if there are
     /// no such points.
     pub known: f64,
-    /// Share of these points, by weight.
+    /// Share of the points at which `known` is finite, by weight.
     pub share: f64,
 }
 
-/// Median of the points along each axis, and their median distance from it.
+/// Median of the coordinates of the points along each axis, and the median distance of the points from this
+/// position.
 fn extent(list: &[Spot]) -> Option<(DVec3, f64)> {
     let along = |axis: usize| median(list.iter().map(|spot| spot.point[axis]).collect());
     let middle = DVec3::new(along(0)?, along(1)?, along(2)?);
     Some((middle, median(list.iter().map(|spot| (spot.point - middle).length()).collect())?))
 }
 
-/// Sets the weights by how many points face in each direction.
+/// Sets the weights of the points: the more points face in about the same direction, the smaller their weights.
 fn balance(list: &mut [Spot]) {
     let mut counts = [0.0; 13];
     list.iter().filter_map(|spot| spot.normal.map(facing)).for_each(|axis| counts[axis] += 1.0);
@@ -244,7 +245,7 @@ fn size(splats: &Splats, sights: &[Sight], limit: f64) -> f64 {
     median(seen.map(middle).collect()).unwrap_or_default()
 }
 
-/// Agreement at a distance, which is given as a multiple of the tolerance.
+/// Agreement of a point with a surface at a distance of `off` tolerances.
 pub(super) fn kernel(off: f64) -> f64 {
     if off < 1.0 { (1.0 - off * off) * (1.0 - off * off) } else { 0.0 }
 }

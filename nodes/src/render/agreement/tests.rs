@@ -117,7 +117,7 @@ fn what_agrees_raises_no_alarm() {
     assert_eq!(found(&placed(&mesh(None), &low)).findings(), []);
 }
 
-/// Checks that a fault is found, and also the transform that undoes it.
+/// Checks that a fault is found, and that the reported transform undoes it.
 fn undone(fault: Similarity) {
     let result = found(&placed(&mesh(None), &fault));
     assert_eq!(result.findings(), [Finding::Elsewhere], "{fault:?}: {result:?}");

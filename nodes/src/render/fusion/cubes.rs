@@ -1,4 +1,4 @@
-//! Cubes that contain a surface, which means points that enough views see.
+//! Cubes through or near which a surface passes: at least [`VIEWS`] views see points in or near each cube.
 
 use engine::{Context, NodeError};
 use glam::Vec3;
@@ -6,16 +6,16 @@ use glam::Vec3;
 use super::depth_view::{DepthView, EDGE};
 use super::levels::{Cube, Levels, SIDE};
 
-/// Minimum number of views that must see a surface in a cube.
+/// Minimum number of views that must see a surface in or near a cube.
 const VIEWS: usize = 2;
 
 /// Minimum confidence (of 255) of the pixels that add cubes.
 const TRUST: u8 = 16;
 
-/// Distance around a point within which cubes are added, in cells.
+/// Maximum distance from a point to the cubes that are added for it, in cells.
 const AROUND: f32 = 1.5;
 
-/// Adds the cubes around a point.
+/// Adds to `found` the cube that contains a point, and the cubes near the point.
 fn add(levels: &Levels, point: Vec3, found: &mut Vec<Cube>) {
     let Some(cube) = levels.cube_at(point) else { return };
     let cell = levels.cell_of(cube.level);
@@ -42,7 +42,7 @@ fn add(levels: &Levels, point: Vec3, found: &mut Vec<Cube>) {
     }
 }
 
-/// Cubes at the points that a view sees.
+/// Cubes that contain the points that a view sees, and cubes near these points.
 fn of_view(view: &DepthView, levels: &Levels) -> Vec<Cube> {
     let mut found = Vec::new();
     for y in 0..view.height {
@@ -81,8 +81,8 @@ fn of_view(view: &DepthView, levels: &Levels) -> Vec<Cube> {
     found
 }
 
-/// Sorted cubes that contain points seen by at least two views. If there are more than `most`, the cubes nearest to
-/// the foci are kept, and the second value is true.
+/// Cubes in or near which at least two views see points, in ascending order. If there are more than `most`, only
+/// the cubes nearest to the foci are returned, and the second value is true.
 pub fn wanted(
     views: &[DepthView],
     levels: &Levels,

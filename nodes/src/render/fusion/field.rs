@@ -15,20 +15,22 @@ pub const CORNERS: usize = SIDE as usize + 1;
 /// Number of corners of cells in a cube.
 pub(super) const ALL: usize = CORNERS * CORNERS * CORNERS;
 
-/// Maximum distance in front of or behind the surface that is stored, in cells. Larger distances are clamped in
-/// front of the surface and ignored behind it.
+/// Maximum stored distance from the surface, in cells. For corners farther in front of the surface, this distance
+/// is stored. Corners farther behind the surface are ignored.
 const BAND: f32 = 3.0;
-/// Maximum distance from the surface, along a ray at a grazing angle, at which the view still counts as seeing the
-/// surface, in units of [`BAND`].
+/// Maximum distance between a corner and the surface, measured along the ray, at which a view still counts as
+/// seeing the surface at the corner. The unit is [`BAND`]. For rays at a grazing angle, this distance is much
+/// larger than the distance perpendicular to the surface.
 const BEHIND: f32 = 3.0;
 /// Minimum cosine of the angle between ray and normal for the depth of a pixel to count as a surface.
 const FLATTEST: f32 = 0.1;
-/// Weight of a view in which a corner is empty space, relative to a view that sees a surface there at a right
-/// angle.
+/// Weight, at a corner, of a view that sees empty space there, relative to a view that sees a surface there at a
+/// right angle.
 const THROUGH: f32 = 0.25;
 /// Weight of a pixel at an edge between two surfaces.
 const AT_EDGE: f32 = 0.25;
-/// Minimum number of views that must see the surface at a corner behind it.
+/// Minimum number of views that must see the surface near a corner behind it. Otherwise the surface is left out at
+/// this corner.
 const VIEWS: u8 = 2;
 
 /// Part of the field in one cube.
@@ -125,7 +127,8 @@ impl Row {
     }
 }
 
-/// Computes one block. `far` is the reciprocal of the square of the depth at which a surface has half the weight.
+/// Computes one block. `far` is 1 divided by the square of the depth at which a surface has half the weight of a
+/// surface at depth 0.
 #[inline(always)]
 fn fused(cube: Cube, views: &[DepthView], levels: &Levels, far: f32) -> Block {
     let cell = levels.cell_of(cube.level);
@@ -206,7 +209,8 @@ fn fused(cube: Cube, views: &[DepthView], levels: &Levels, far: f32) -> Block {
 }
 
 impl DepthView {
-    /// True if a ball may be in the view, and some of it may be at most `behind` behind the visible surface.
+    /// True unless a ball is certainly outside the picture, or certainly hidden at a depth of more than `behind`
+    /// behind the visible surface.
     fn may_see(&self, middle: Vec3, radius: f32, behind: f32) -> bool {
         let offset = middle - self.eye;
         let depth = offset.dot(self.forward);
@@ -272,8 +276,8 @@ impl<'a> Field<'a> {
         None
     }
 
-    /// Makes the distances equal where cubes of two sizes meet: corners that both share take the distance of the
-    /// smaller cube.
+    /// Makes the distances equal where cubes of two sizes meet: the corners that they share get the distances of
+    /// the smaller cube.
     fn join_levels(&mut self, cx: &Context) -> Result<(), NodeError> {
         for level in 1..self.levels.reach.len() as u8 {
             let blocks: Vec<usize> =

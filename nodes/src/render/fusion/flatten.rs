@@ -14,8 +14,9 @@ use super::levels::{Cube, Levels, SIDE};
 
 /// Maximum distance of a flat surface from its plane, in standard deviations of the distances that views report.
 const SIGMAS: f64 = 3.0;
-/// Maximum noise of a flat surface, in cells. A surface that leaves its plane by more has a shape, which the mesh can
-/// represent. Without this limit, views at grazing angles, which disagree by centimetres, tilt the top of a box.
+/// Maximum noise of a flat surface, in cells. Larger deviations from the plane count as the shape of the surface,
+/// since the mesh can represent them. Without this limit, views at grazing angles, which disagree by centimetres,
+/// would tilt the top of a box.
 const MOST_CELLS: f64 = 0.25;
 /// Minimum number of points that determine a plane: a quarter of the points of a plane that crosses one layer of cubes.
 const FEWEST: f64 = 64.0;
@@ -31,7 +32,7 @@ const GROUP: usize = 1024;
 struct Patch {
     points: f64,
     sum: DVec3,
-    /// xx, xy, xz, yy, yz, zz.
+    /// Sums of the products of two coordinates, in the order xx, xy, xz, yy, yz, zz.
     squares: [f64; 6],
     normal: DVec3,
 }
@@ -138,15 +139,17 @@ impl Plane {
         self.normal.dot(place) - self.offset
     }
 
-    /// Amount by which a distance is reduced. This is the whole difference from the plane if it is within the
-    /// noise; above that it decreases, and is 0 from twice the noise on.
+    /// Amount that is subtracted from the distance of a corner at `place`. If the distance differs from that to the
+    /// plane by at most the noise, this is the whole difference. For larger differences it decreases, and it is 0
+    /// if the difference is at least twice the noise.
     fn excess(&self, place: Vec3, distance: f32) -> f32 {
         let off = distance - self.distance(place);
         off * (2.0 - off.abs() / self.noise.max(f32::MIN_POSITIVE)).clamp(0.0, 1.0)
     }
 }
 
-/// The eight corners of a cube. A corner has the coordinates of the cube of which it is the first corner.
+/// The eight corners of a cube. Each corner is represented by the cube that has it as the corner with the smallest
+/// coordinates.
 fn ends(cube: Cube) -> [Cube; 8] {
     std::array::from_fn(|i| Cube {
         level: cube.level,
@@ -208,9 +211,9 @@ impl Field<'_> {
 }
 
 impl Field<'_> {
-    /// Blocks around a corner of cubes. Each has the weight of its points, by area, relative to points at the level
-    /// of the corner. Where the level changes, some of the blocks are larger or smaller than the cubes of that
-    /// level.
+    /// Indices of the blocks around a corner of cubes, each with the area that one of its points represents,
+    /// relative to the area of a point at the level of the corner. Where cubes of two levels meet, some of the
+    /// blocks are larger or smaller than the cubes of that level.
     fn around(&self, end: Cube) -> Vec<(usize, f64)> {
         let find = |cube: Cube| self.blocks.binary_search_by(|block| block.cube.cmp(&cube)).ok();
         let mut found: Vec<(usize, f64)> = Vec::with_capacity(8);
@@ -234,7 +237,7 @@ impl Field<'_> {
     }
 }
 
-/// Computes one result per index, in parallel, in order.
+/// Results of `of` for every index below `count`, computed in parallel and returned in order.
 fn tiled<T: Send>(count: usize, of: &(dyn Fn(usize) -> T + Sync), cx: &Context) -> Result<Vec<T>, NodeError> {
     const TILE: usize = 64;
     let groups = cx.for_each_tile(count.div_ceil(TILE), |tile| {

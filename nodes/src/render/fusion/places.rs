@@ -21,7 +21,7 @@ const STEPS: [f32; 3] = [2.0, 4.0, 7.0];
 const AZIMUTHS: usize = 12;
 /// Changes of height from one place to the next that are tried, in clearances.
 const RISES: [f32; 3] = [-1.2, 0.0, 1.6];
-/// Share of the pixels seen from a place that may be nearer than the clearance.
+/// Maximum share of the pixels seen from a place that may show surfaces nearer than the clearance.
 const NEARER: f64 = 0.02;
 /// Minimum distance from a given place to the nearest surface, in metres. A place that is nearer counts as inside a
 /// surface.
@@ -70,8 +70,8 @@ impl Ground<'_> {
         DepthView::of(self.splats, self.blocks, camera, self.origin, self.settings, cx)
     }
 
-    /// Renders the six faces around a place. They are rotated by its number, so that the pixels of no two
-    /// places have the same directions.
+    /// Renders the six faces around a place. They are rotated by an angle that depends on the number of the place,
+    /// so that no two places have pixels in the same directions.
     fn around(&self, eye: Vec3, number: usize, cx: &Context) -> Result<Vec<DepthView>, NodeError> {
         let eye = self.origin + eye.as_dvec3();
         let (sin, cos) = num::sin_cos(0.47 + 2.399_963 * number as f64);

@@ -78,8 +78,8 @@ impl Quadric {
     }
 }
 
-/// Limits of the change of a surface for the level of the cell in which a point was made: the error, and the
-/// longest edge, in world units.
+/// Limits for the simplification around a point, given the level of the cell in which the point was made: the
+/// maximum error and the maximum length of an edge, both in world units.
 pub type Bounds<'a> = &'a dyn Fn(u8) -> (f64, f64);
 
 struct Mesh<'a> {
@@ -114,7 +114,7 @@ impl Mesh<'_> {
         to.sort_unstable();
     }
 
-    /// True if an edge may be contracted for this share of the allowed squared error.
+    /// True if the squared error of contracting an edge is at most this share of the allowed squared error.
     fn is_cheap(&self, a: u32, b: u32, share: f64) -> bool {
         let (cost, place, _) = self.joined(a, b);
         let (error, _) = (self.bounds)(self.levels[a as usize].min(self.levels[b as usize]));

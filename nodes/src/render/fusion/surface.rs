@@ -167,7 +167,7 @@ impl Surface {
         kept
     }
 
-    /// Normal of a triangle, whose length is twice its area.
+    /// Normal of a triangle. Its length is twice the area of the triangle.
     pub fn normal(&self, [a, b, c]: [u32; 3]) -> Vec3 {
         let [a, b, c] = [a, b, c].map(|i| self.points[i as usize]);
         (b - a).cross(c - a)

@@ -8,7 +8,7 @@ use super::levels::Levels;
 use super::surface::Surface;
 use crate::math::color::linear_from_srgb8;
 
-/// Colour, number of views and scatter of depth at a surface point, as the views show it.
+/// Properties of a surface point, computed from the views that see it.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Seen {
     /// Linear colour.
@@ -19,7 +19,7 @@ pub struct Seen {
     pub deviation: f32,
 }
 
-/// Colour, number of views and scatter of depth of each point of a surface.
+/// Computes the properties of each point of a surface from the views.
 pub fn seen(
     surface: &Surface,
     views: &[DepthView],

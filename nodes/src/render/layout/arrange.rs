@@ -16,7 +16,8 @@ const KNOWN: f64 = 0.5;
 const HEIGHTS: [f64; 2] = [-0.1, 1.15];
 /// Minimum radius of a level surface that is used if there is no floor, in radii of the scene.
 const SMALL: f64 = 0.1;
-/// Distance of the object from the middle of a captured object without ground, in radii of the scene.
+/// Distance of the inserted object from the middle of the scene, in radii of the scene, if the scene is a captured
+/// object without ground.
 const ASIDE: f64 = 0.35;
 /// Largest radius of an object, as a fraction of the distance from its place to the edge of the surface.
 const ROOM: f64 = 0.7;
@@ -70,7 +71,8 @@ pub struct Arrangement {
     pub view: Option<View>,
 }
 
-/// Finds a place for the object and a camera. `metres_per_unit` is the scale to use for the object.
+/// Finds a place for the object and a camera. `metres_per_unit` is the length of a world unit in metres, which
+/// converts the size of the object to world units.
 pub fn arrange(
     splats: &Splats,
     stand: &LevelEstimate,

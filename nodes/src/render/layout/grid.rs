@@ -30,7 +30,7 @@ pub struct Grid {
     /// Number of cells across, along and up.
     pub size: [usize; 3],
     solid: Vec<bool>,
-    /// Sum of the sizes of splats in each column, and their number.
+    /// For each column, the sum of the sizes of its splats, and the number of these splats.
     detail: Vec<[f32; 2]>,
 }
 

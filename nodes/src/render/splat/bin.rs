@@ -154,7 +154,7 @@ impl Lists<'_> {
         (list, columns.start + column, rows.start + row)
     }
 
-    /// Number of pairs of a splat and a tile.
+    /// Number of pairs of a tile and a splat in its list.
     pub(super) fn pairs(&self) -> u64 {
         match &self.of {
             ListsOf::All(list) => (list.len() * self.tiles()) as u64,

@@ -12,7 +12,7 @@ use super::{DepthMode, Sort};
 use crate::math::num;
 
 const LANES: usize = 8;
-/// Vectors per row of a tile.
+/// Number of vectors per row of a tile.
 const HALVES: usize = TILE / LANES;
 /// Number of footprints copied ahead of their use, so that their cache misses overlap.
 const BATCH: usize = 32;

@@ -66,14 +66,14 @@ pub(super) trait CameraModel: Sync {
     /// Derivatives of the ray through a point at `d`, scaled to depth 1, with respect to pixels to the right
     /// and down, and the direction in which depth increases.
     fn ray_slopes(&self, d: DVec3) -> ([DVec3; 2], DVec3);
-    /// True if `is_behind` or `is_aside` holds for every splat of the block. Each extends over at most
-    /// `sigmas` times its longest axis plus `pixels` pixels.
+    /// True if `is_behind` or `is_aside` holds for every splat of the block. Each splat is assumed to extend over
+    /// at most `sigmas` times its longest axis plus `pixels` pixels.
     fn misses(&self, block: &Block, near: f64, sigmas: f64, pixels: f64) -> bool;
     /// Tiles with a pixel centre inside a box, including its edge.
     fn exact_reach(&self, u: f64, v: f64, half_x: f64, half_y: f64) -> Option<TileRange>;
-    /// Tiles that the INRIA rasterizer assigns to a splat with this covariance and its determinant: those of a
-    /// square that extends 3 standard deviations of the longer axis to each side (auxiliary.h, `getRect`;
-    /// forward.cu, `preprocessCUDA`).
+    /// Tiles that the INRIA rasterizer assigns to a splat with this covariance and determinant. They are the tiles
+    /// that overlap a square around the centre, which extends 3 standard deviations of the longer axis to each side
+    /// (auxiliary.h, `getRect`; forward.cu, `preprocessCUDA`).
     fn inria_reach(&self, u: f64, v: f64, xx: f64, yy: f64, det: f64) -> Option<TileRange>;
     /// All tiles.
     fn everywhere(&self) -> TileRange;
@@ -120,8 +120,8 @@ fn tiles_around(left: f64, right: f64, period: u32) -> Option<(u16, u16)> {
     Some((x0, if wraps { (columns + x1).min(x0 + columns) } else { x1 }))
 }
 
-/// Range of tiles with a pixel centre in an interval: within `span`, or wrapped around if there is a `period`. The
-/// range is empty if there are no such tiles.
+/// Range of tiles with a pixel centre in an interval. Without a `period`, the range is limited to `span`; with a
+/// `period`, it wraps around. It is empty if there are no such tiles.
 pub(super) fn columns(left: f64, right: f64, span: (u16, u16), period: Option<u32>) -> (u16, u16) {
     let found = match period {
         None => tiles(left, right, (usize::from(span.1) * TILE) as f64).map(|(a, b)| (a.max(span.0), b)),
@@ -165,8 +165,9 @@ pub(super) struct Pinhole {
     by_distance: bool,
 }
 
-/// Cosine of the largest angle between the viewing direction of a cap and a splat that is drawn. It is needed
-/// because the near plane does not apply to caps, and the projection diverges near the plane of the camera.
+/// Cosine of the maximum angle between the viewing direction of a cap and the direction of a splat that is drawn.
+/// The limit is needed because the near plane does not apply to caps, and the projection diverges near the plane of
+/// the camera.
 const ASIDE: f64 = 0.1;
 
 impl Pinhole {
@@ -226,8 +227,8 @@ impl CameraModel for Pinhole {
         z <= near
     }
 
-    /// Tests all four edges multiplied by z, so that most splats outside the picture need no division. There are no
-    /// branches, so that the compiler can test several splats at once.
+    /// Compares with all four edges in coordinates multiplied by z, so that most splats outside the picture need no
+    /// division. There are no branches, so the compiler can vectorise the test over several splats.
     #[inline(always)]
     fn is_aside(&self, d: DVec3, world: f64, pixels: f64) -> bool {
         let (x, y, z) = (self.right.dot(d), self.down.dot(d), self.forward.dot(d));

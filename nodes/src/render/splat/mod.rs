@@ -48,18 +48,18 @@ pub struct Work {
     pub visited: u64,
     /// Number of splats in blocks that were skipped because no splat of the block can be in the picture.
     pub skipped: u64,
-    /// Number of splats that were coloured and sorted.
+    /// Number of splats that were projected, coloured and sorted.
     pub projected: u64,
     /// Number of projected splats whose harmonics were evaluated in a direction; 0 for a scene of degree 0.
     pub directed: u64,
     /// Number of splats with an opacity of 0 or below `alpha_cut`; counted only if almost nothing is visible.
     pub faint: u64,
-    /// Number of the remaining splats that are at or below the near plane; counted only if almost nothing is
-    /// visible.
+    /// Number of splats that are at or below the near plane and not counted in `faint`; counted only if almost
+    /// nothing is visible.
     pub behind: u64,
     /// Number of splats whose footprint is not a finite ellipse.
     pub degenerate: u64,
-    /// Number of splats whose colour was clamped to the largest value.
+    /// Number of splats with a colour that was clamped to the maximum or overflowed.
     pub held: u64,
     /// Number of pairs of a splat and a tile.
     pub tile_pairs: u64,
@@ -105,14 +105,16 @@ impl Work {
             self.degenerate,
             "footprints are not finite ellipses and were left out",
         );
-        let text =
-            format!("colours exceed {:e} (white is 1) or overflow and were clamped to it", sh::LARGEST);
+        let text = format!(
+            "colours exceeded the maximum of {:e} (white is 1) or overflowed, and were clamped to that maximum",
+            sh::LARGEST
+        );
         notes.count("colours-held", self.held, text);
         // A scene and an eye in different frames give an empty picture, not an error.
         if self.projected * 100 < splats as u64 {
             let most = |count: u64| count * 2 >= self.visited + self.skipped;
             let why = if splats > 0 && most(self.faint) {
-                format!("most have an opacity of 0 or below `alpha_cut`, {:.6}", settings.alpha_cut)
+                format!("most have an opacity of 0 or below `alpha_cut` ({:.6})", settings.alpha_cut)
             } else if most(self.behind) {
                 format!(
                     "most are behind the camera or nearer than `near` ({near} world units): is `near` too large for this scene, or does the camera look away from it?"
@@ -161,7 +163,7 @@ pub const MAX_PIXELS: u64 = 1 << 28;
 /// Maximum side of a picture, in pixels.
 const MAX_SIDE: u32 = 1 << 19;
 
-/// Surface in front of a camera. Splats at or beyond it are left out of a pixel.
+/// Surface in front of a camera. At each pixel, splats at or beyond the surface are left out.
 #[derive(Debug, Clone, Copy)]
 pub struct Limit<'a> {
     /// Planar depth in world units: an image with one channel and the size of the picture. 0 or +inf means that
@@ -217,14 +219,14 @@ pub fn render_at(
     draw(splats, None, &Pinhole::new(camera), limit, settings, cx, how)
 }
 
-/// Checks the sizes of the picture and of the limit.
+/// Checks the size of the picture, and that the depth image of the limit has the same size.
 fn check(camera: &Camera, limit: Option<Limit<'_>>) -> Result<(), NodeError> {
     checked(camera)?;
     let size = (camera.width_px as usize, camera.height_px as usize, 1);
     let found = limit.map_or(size, |Limit { depth, .. }| (depth.width, depth.height, depth.channels));
     if found != size {
         let what = format!(
-            "the depth for view `{}` is {}x{} with {} channels; it must be {}x{} with 1 channel",
+            "the limiting depth for view `{}` has {}x{} pixels of {} channels; it must have {}x{} pixels of 1 channel",
             camera.name, found.0, found.1, found.2, size.0, size.1
         );
         return Err(NodeError::new(what).at("limit"));
@@ -274,7 +276,7 @@ fn checked(camera: &Camera) -> Result<(), NodeError> {
     if u64::from(width) * u64::from(height) <= MAX_PIXELS && width.max(height) <= MAX_SIDE {
         return Ok(());
     }
-    let what = format!("view `{}` has {width}x{height} pixels", camera.name);
+    let what = format!("view `{}` is too large: it has {width}x{height} pixels", camera.name);
     let hint = format!("the limit is {MAX_PIXELS} pixels, and {MAX_SIDE} pixels per side");
     Err(NodeError::new(what).at("rig").hint(hint))
 }

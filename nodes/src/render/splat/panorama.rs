@@ -4,8 +4,9 @@
 //! A footprint can be drawn only where the layout is approximately linear over it. Near a pole it is not: a splat
 //! there covers a ring or a disc across all columns and not an ellipse. So directions within [`CAP`] of a pole are
 //! drawn by a camera that looks at the pole, and are then resampled. Between [`FADE`] and [`CAP`] the pinhole
-//! picture and the layout are blended. The caps cost no additional work: they cover a third of the pixels of the
-//! layout, and the pinhole pictures have slightly fewer pixels, although these are finer.
+//! picture and the layout are blended. The caps cost no additional work. They cover a third of the pixels of the
+//! layout, and the two pinhole pictures together have slightly fewer pixels than that, although their resolution is
+//! higher.
 
 use std::f64::consts::{FRAC_PI_6, TAU};
 

@@ -1,21 +1,21 @@
 //! Peaks: the depths at which splats are densest along the rays of a picture.
 //!
 //! The depth of the centre of a splat is not the depth of the surface at other pixels: if a floor is seen at a
-//! slant, the near half of each of its splats is nearer than the centre. Along the ray `r` through a pixel, scaled
-//! to
-//! depth 1, a Gaussian of centre `c` and inverse covariance `A` has its greatest density at the depth `(r.A
-//! c) / (r.A r)` (RaDe-GS, arXiv 2406.01467, eq. 10 to 15, which linearizes it; PGSR, arXiv 2406.06521, for
-//! flat splats). With `r = r0 + dr`, where `r0` is the ray through the centre at depth `z`, the inverse of
-//! this depth is `(1 + 2 e + q) / (1 + e) / z`, with `e = dr.A r0 / r0.A r0` and `q = dr.A dr / r0.A r0`. For
-//! a flat splat `q = e^2`, and the inverse is linear in the pixel.
+//! slant, the near half of each of its splats is nearer than the centre. Let `r` be the ray through a pixel, scaled
+//! to depth 1. Along `r`, a Gaussian with centre `c` and inverse covariance `A` has its greatest density at the
+//! depth `(r.A c) / (r.A r)` (RaDe-GS, arXiv 2406.01467, eq. 10 to 15, which linearizes this depth; PGSR, arXiv
+//! 2406.06521, for flat splats). Let `r = r0 + dr`, where `r0` is the ray through the centre, whose depth is `z`.
+//! Then the inverse of the depth of greatest density is `(1 + 2 e + q) / (1 + e) / z`, with `e = dr.A r0 / r0.A r0`
+//! and `q = dr.A dr / r0.A r0`. For a flat splat, `q = e^2`, and the inverse is a linear function of the position
+//! of the pixel.
 
 use glam::DVec3;
 
 use super::camera_model::CameraModel;
 use super::shape::axes;
 
-/// Maximum difference in depth between a peak and the centre of its splat, in standard deviations of the depth of
-/// the splat. If a splat is seen edge-on, peaks far from its centre may lie anywhere.
+/// Maximum difference in depth between a peak and the centre of its splat, in standard deviations of the splat
+/// along the depth axis. If a splat is seen edge-on, peaks at pixels far from its centre may be at any depth.
 const HELD_SIGMAS: f64 = 2.0;
 
 /// Minimum standard deviation along an axis, as a share of the longest, so that a flat splat has an inverse
@@ -30,7 +30,7 @@ pub(super) const SHEET: f64 = 0.02;
 /// do not.
 pub(super) const COUNTS_DOWN_TO: f64 = 0.25;
 
-/// Weight factor in the mean of a sheet for a splat whose peak is limited by `HELD_SIGMAS`. Such a peak is not on
+/// Factor on the weight of a splat in the mean of a sheet if `HELD_SIGMAS` limits its peak. Such a peak is not on
 /// the surface, but it is better than nothing where no other splat is visible.
 pub(super) const HELD_COUNTS: f64 = 0.01;
 
@@ -49,9 +49,9 @@ pub(super) struct Peak {
     xx: f64,
     xy: f64,
     yy: f64,
-    /// Reciprocal of the largest depth.
+    /// Reciprocal of the largest depth to which peaks are clamped.
     pub least: f64,
-    /// Reciprocal of the smallest depth.
+    /// Reciprocal of the smallest depth to which peaks are clamped.
     pub most: f64,
 }
 

@@ -56,8 +56,8 @@ pub(super) struct Entry {
 #[derive(Default)]
 struct Chunk {
     footprints: Vec<Footprint>,
-    /// Minimum distance of each centre in front of a limit, in world units. Empty if there is no limit or this
-    /// distance is 0.
+    /// For each splat, the distance by which its centre must lie in front of the limit for the splat to be drawn,
+    /// in world units. Empty if there is no limit or all of these distances are 0.
     margins: Vec<f32>,
     /// Peak of each footprint along rays, for `RayMedian`.
     peaks: Vec<Peak>,
@@ -126,7 +126,8 @@ impl Projected {
         &self.chunks[(index >> CHUNK_BITS) as usize].footprints[index as usize % CHUNK]
     }
 
-    /// Minimum distance of the centre of a footprint in front of a limit, in world units.
+    /// Distance by which the centre of a splat must lie in front of the limit for the splat to be drawn, in world
+    /// units. `index` is the index of its footprint.
     #[inline(always)]
     pub(super) fn margin(&self, index: u32) -> f32 {
         let margins = &self.chunks[(index >> CHUNK_BITS) as usize].margins;
@@ -254,7 +255,7 @@ struct Projection<'a, L> {
     limit_sigmas: f64,
     /// False if every splat is drawn everywhere.
     bounded: bool,
-    /// Largest extent of a splat in standard deviations, to which `beyond` is added.
+    /// Maximum extent of a splat, in standard deviations along its longest axis, without the part in `beyond`.
     sigmas: f64,
     /// Additional extent of a splat for the low-pass filter and rounding, in pixels.
     beyond: f64,
@@ -324,7 +325,7 @@ impl<'a, L: CameraModel> Projection<'a, L> {
 
     /// Adds to `places` the positions in the chunk of those splats that reach `alpha_cut` and for which `is_behind`
     /// and `is_aside` are false. `first` is the position of the first splat of the range. There are no branches, so
-    /// that the compiler can test several splats at once.
+    /// the compiler can vectorise the test over several splats.
     #[inline(always)]
     fn find(&self, range: Range<usize>, first: usize, places: &mut Vec<u16>) {
         let Self { splats, camera_model, settings, .. } = *self;

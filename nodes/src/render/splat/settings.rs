@@ -95,7 +95,7 @@ engine::params! {
     }
 }
 
-/// Replacement of parameters that only earlier versions of the splat kinds have.
+/// Replacement for parameters that only earlier versions of the splat kinds have.
 pub(crate) fn former(name: &str, last: u32) -> Option<Former> {
     let fields: &[&str] = &["skip_unseen", "skip_harmonics"];
     fields.contains(&name).then(|| Former::exhaustive(fields, last))
@@ -113,9 +113,9 @@ impl Drawing {
         };
         if compensate != splats.antialiased {
             let text = if compensate {
-                "`compensation` is on, but the file does not say that it was trained with it; thin details may vanish"
+                "`compensation` is on, but the file does not say that the splats were trained with compensation; thin details may vanish"
             } else {
-                "`compensation` is off, but the file says that it was trained with it"
+                "`compensation` is off, but the file says that the splats were trained with compensation"
             };
             notes.warning("compensation-mismatch", text);
         }

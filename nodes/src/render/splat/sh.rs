@@ -1,7 +1,7 @@
 //! Real spherical harmonics in the order and signs of the INRIA rasterizer (forward.cu,
 //! `computeColorFromSH`), continued to degree 4 in the same convention (gsplat, `_torch_impl.py`).
 
-/// Number of functions up to degree 4.
+/// Number of basis functions up to degree 4.
 pub(super) const MAX_LEN: usize = 25;
 
 /// The basis functions up to `degree` (0 to 4) in the unit direction `(x, y, z)` from eye to splat.

@@ -36,7 +36,7 @@ pub(super) struct Batch {
     raw_det: Lanes,
     root_xx: Lanes,
     root_yy: Lanes,
-    /// Cholesky factor of the inverse covariance; see [`super::project::Footprint`].
+    /// First element of the Cholesky factor of the inverse covariance; see [`super::project::Footprint`].
     l11: Lanes,
     l21: Lanes,
     l22: Lanes,

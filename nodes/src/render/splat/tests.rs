@@ -127,7 +127,7 @@ impl TextbookPixel {
     const CLEAR: Self = Self { rgb: [0.0; 3], transmittance: 1.0 };
 
     /// Blends splat `i`, with the value `weight` of its Gaussian at the pixel, seen along `direction`.
-    /// Returns whether more splats may follow.
+    /// Returns false if the pixel is finished.
     fn blend(&mut self, splats: &Splats, i: usize, weight: f64, direction: DVec3) -> bool {
         let alpha = (f64::from(splats.opacities[i]) * weight).min(0.99);
         if alpha < 1.0 / 255.0 {

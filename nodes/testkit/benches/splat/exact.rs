@@ -36,7 +36,7 @@ pub fn table(bench: &Bench) {
         }
     }
     println!(
-        "\n| middle {}x{} of view | against `None`, `F64`, with the same cut and stop | with cut 0 and stop 0 |",
+        "\n| central {}x{} pixels of view | against `None`, `F64`, with the same `alpha_cut` and `stop` | with `alpha_cut` 0 and `stop` 0 |",
         PART.0, PART.1
     );
     println!("|---|---|---|");

@@ -41,7 +41,7 @@ pub fn table(bench: &Bench) {
     let forward = camera.world_from_camera().z_axis.truncate();
     let middle = camera.eye() + forward * 5.0;
     println!(
-        "one view at 640x480 of the splats nearest to a point 5 m before the camera, least of {RUNS} runs\n"
+        "one view of 640x480 pixels of the splats nearest to a point 5 m in front of the camera, minimum of {RUNS} runs\n"
     );
     println!(
         "| splats | seen | M evaluations | M blends | threads | CPU ms | project | sort | bin | blend | free | busier thread ms | wall ms |"

@@ -66,7 +66,7 @@ pub fn table(_: &Bench) {
     let path = folder.path().join("scene.ply");
     let bytes = std::fs::read(&path).unwrap();
     println!("{ROWS} rows of {FIELDS} floats, {} bytes\n", bytes.len());
-    println!("| what | CPU s | wall s, least of {RUNS} |");
+    println!("| what | CPU s | wall s, minimum of {RUNS} runs |");
     println!("|---|---|---|");
     let line = |what: &str, [cpu, wall]: [f64; 2]| println!("| {what} | {cpu:.2} | {wall:.2} |");
     line("hash (BLAKE3)", least(|| _ = std::hint::black_box(blake3::hash(&bytes))));

@@ -3,7 +3,7 @@
 //! as `cargo bench -p lightharmony-testkit --bench splat -- DATA [section ..]`, where DATA is a folder with
 //! `splats/garden_sog`, `splats/playbot_sog` and `splat-refs`. Without DATA, only the speed is measured, for a
 //! generated cloud of splats.
-#![allow(clippy::print_stdout, clippy::unwrap_used, reason = "a bench prints, and may stop")]
+#![allow(clippy::print_stdout, clippy::unwrap_used, reason = "a benchmark prints its results and may panic")]
 
 mod exact;
 mod growth;

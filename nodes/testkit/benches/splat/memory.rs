@@ -47,7 +47,7 @@ pub fn table(bench: &Bench) {
         return;
     }
     let mib = |bytes: u64| bytes as f64 / (1 << 20) as f64;
-    println!("| work | scene MiB | peak beyond it MiB | announced MiB |");
+    println!("| work | scene MiB | peak beyond the scene MiB | estimate MiB |");
     println!("|---|---|---|---|");
     let line = |what: &str, scene: usize, most: f64, announced: Option<u64>| {
         let announced = announced.map_or("-".to_owned(), |bytes| format!("{:.0}", mib(bytes)));
@@ -56,7 +56,7 @@ pub fn table(bench: &Bench) {
     {
         let (_folder, load) = load::million();
         let size = load().bytes();
-        line("load 1 M rows of INRIA PLY (the scene itself counted)", size, peak(&load), None);
+        line("load 1 M rows of INRIA PLY (including the scene itself)", size, peak(&load), None);
     }
     let (splats, at) = (bench.garden(), Arc::new(Pose { world_from_local: DMat4::from_translation(EYE) }));
     let size = splats.bytes();

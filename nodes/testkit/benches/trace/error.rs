@@ -68,7 +68,7 @@ fn table(name: &str, case: &Case, how: Surroundings, outside: &[f32], effort: &E
         );
         let (mean, beyond) = block_scores(&r0, outside, 192);
         more.push(format!(
-            "{samples} samples: z of blocks of `without` {mean:.3} on average, {beyond:.4} beyond 3"
+            "{samples} samples: z scores of the blocks of `without`: mean {mean:.3}, share above 3 {beyond:.4}"
         ));
         more.push(format!(
             "{samples} samples: setup {:.3} CPU-s, {:?} | {:?}",
@@ -81,7 +81,9 @@ fn table(name: &str, case: &Case, how: Surroundings, outside: &[f32], effort: &E
 /// Prints the time that `crop` saves and the error that it causes, for the open scene seen from several distances.
 pub fn crop(data: &Data) {
     let (near, how) = (Case::load(data, "sunny_plane"), Surroundings::OPEN);
-    println!("| seen from | `crop` | rays of `with` and `object` | CPU-s | largest error of S in a tile |");
+    println!(
+        "| camera distance | `crop` | rays of `with` and `object` | CPU-s | largest error of S in a tile |"
+    );
     println!("|---|---|---|---|---|");
     for times in [1.0, 4.0, 12.0] {
         let case = near.with_camera_at(times);
@@ -101,7 +103,7 @@ pub fn crop(data: &Data) {
             // Complete tiles that the object does not affect.
             let off = sums.iter().filter(|sum| sum[1] == 192.0).map(|sum| (sum[0] / sum[1]).abs());
             println!(
-                "| {times} times as far | {crop} | {:.0} k | {:.3} | {:.5} |",
+                "| {times} times | {crop} | {:.0} k | {:.3} | {:.5} |",
                 (count(&all, "rays") - count(&alone, "rays")) as f64 / 1e3,
                 all.seconds - alone.seconds,
                 off.fold(0.0, f64::max),

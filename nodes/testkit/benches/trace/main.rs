@@ -3,7 +3,7 @@
 //! [plane|ratio|rooms|crop|turn|rays] [SAMPLES ..]`, where DATA is a folder with `render-refs` and `gltf`. `ratio`
 //! takes numbers of samples. `small` only checks that `plane` and `ratio` run. `rays` compares with Embree if it is
 //! installed. `peers OUT SAMPLES ..` is used by `tests/tables/peers.py`.
-#![allow(clippy::print_stdout, clippy::unwrap_used, reason = "a bench prints, and may stop")]
+#![allow(clippy::print_stdout, clippy::unwrap_used, reason = "a benchmark prints its results and may panic")]
 
 mod error;
 mod peers;
@@ -18,7 +18,8 @@ use testkit::Data;
 
 fn main() {
     let mut words = std::env::args().skip(1).filter(|arg| !arg.starts_with("--"));
-    let data = Data::of(Path::new(&words.next().expect("the folder of data")), Up::PlusY, 1);
+    let data =
+        Data::of(Path::new(&words.next().expect("the first argument must be the data folder")), Up::PlusY, 1);
     let (numbers, wanted): (Vec<String>, Vec<String>) = words.partition(|word| word.parse::<u32>().is_ok());
     let samples: Vec<u32> = numbers.iter().map(|word| word.parse().unwrap()).collect();
     let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
@@ -39,7 +40,11 @@ fn main() {
             error::crop(&data);
         }
         if let Some(at) = wanted.iter().position(|word| word == "peers") {
-            peers::once(&data, Path::new(wanted.get(at + 1).expect("a folder to write to")), &samples);
+            peers::once(
+                &data,
+                Path::new(wanted.get(at + 1).expect("`peers` needs an output folder")),
+                &samples,
+            );
         }
         if wanted.iter().any(|word| word == "turn") {
             turn::seconds(&data, samples.first().copied().unwrap_or(9));

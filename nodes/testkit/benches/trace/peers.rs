@@ -13,9 +13,10 @@ fn write(path: &Path, images: &Images) {
     std::fs::write(path, bytes).unwrap();
 }
 
-/// For each number of samples, measures the CPU seconds of one thread, without loading, for setting up, for the
-/// receiver alone, for adding the object, for adding only its shadow, and for the denoising filter. Writes
-/// `without`, `with` and the denoised `with` to `folder`, as RGB in little-endian f32.
+/// Measures the CPU seconds of one thread for each number of samples. Separate values are printed for setup, the
+/// receiver alone, the additional time for the object, the additional time for its shadow only, and the denoising
+/// filter. Loading is not included. Writes `without` and `with`, each with and without denoising, to `folder`, as
+/// RGB in little-endian f32.
 pub fn once(data: &Data, folder: &Path, numbers: &[u32]) {
     let case = Case::load(data, "sunny_plane");
     std::fs::create_dir_all(folder).unwrap();
@@ -26,11 +27,7 @@ pub fn once(data: &Data, folder: &Path, numbers: &[u32]) {
         let shadow = case.shadow(1, samples, how);
         // One sample has no variance, so nothing can be filtered.
         let (clean, filter) = denoised(&all.out, data);
-        assert_eq!(
-            rgb(&shadow.out.with),
-            rgb(&all.out.with),
-            "the shadow is the same without the object layer"
-        );
+        assert_eq!(rgb(&shadow.out.with), rgb(&all.out.with), "`shadow_only` must not change the shadow");
         let pictures = [
             ("without", Arc::clone(&all.out.without)),
             ("with", Arc::clone(&all.out.with)),

@@ -56,7 +56,7 @@ fn pass(bvh: &Bvh, rays: &[Ray]) -> ([f64; 2], usize) {
         hits[1] += rays.iter().filter(|ray| bvh.any(**ray, |_| true)).count();
     }
     let end = thread_seconds();
-    assert_eq!(hits[0], hits[1], "closest and any agree");
+    assert_eq!(hits[0], hits[1], "`closest` and `any` must find the same number of hits");
     ([middle - start, end - middle], hits[0] / PASSES)
 }
 
@@ -149,7 +149,7 @@ pub fn table(data: &Data) {
         ("a room and three helmets", &mixed, rays(middle + Vec3::Z * (0.45 * size.z), 0.8, inside)),
         ("one helmet", &helmet, rays(Vec3::new(0.0, 0.2, 3.0), 0.4, around)),
     ];
-    println!("| scene | rays | kind | ours | Embree | ratio: median, least to most |");
+    println!("| scene | rays | kind | ours | Embree | ratio: median, minimum to maximum |");
     println!("|---|---|---|---|---|---|");
     let mut more = Vec::new();
     for (name, triangles, sets) in cases {
@@ -160,7 +160,7 @@ pub fn table(data: &Data) {
         let mut embree = Embree::start(triangles, &sets);
         match &mut embree {
             Some(embree) => line += &format!(", Embree {:.4}", embree.numbers()[0]),
-            None => line += "; no Embree 3 here (libembree-dev)",
+            None => line += "; Embree 3 is not installed (libembree-dev)",
         }
         for (set, order) in ["coherent", "random"].into_iter().enumerate() {
             let rays = &sets[set];

@@ -28,7 +28,7 @@ pub fn seconds(data: &Data, rounds: u32) {
     }
     for (name, list) in ["setup alone", "setup", "without", "objects", "filter"].into_iter().zip(&mut lists) {
         list.sort_by(f64::total_cmp);
-        println!("{name}: least {:.4}, median {:.4} CPU-s", list[0], list[list.len() / 2]);
+        println!("{name}: minimum {:.4}, median {:.4} CPU-s", list[0], list[list.len() / 2]);
     }
     println!("digest {digest}");
 }

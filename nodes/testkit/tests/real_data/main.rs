@@ -1,7 +1,7 @@
 //! Tests on real captures, objects and reference renders, which are in `../shared/data` next to the checkout. A
 //! missing file is a failure and never skips a test. `cargo test` leaves out all of these tests without the feature
 //! `real-data`, and `.ci/run` reports this.
-#![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
 #![allow(clippy::print_stdout, reason = "figures are for those who run with --nocapture")]
 
 mod agreement;

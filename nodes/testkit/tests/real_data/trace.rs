@@ -32,9 +32,10 @@ fn compare(name: &str, ours: &[f32], reference: &[f32]) -> (f64, f64) {
     (ratio, relmse)
 }
 
-/// Compares the luminance of `without` with that of another program. The difference of each pixel is divided by its
-/// standard error. Returns the mean of this score over the pixels, and the share of pixels above 3. The variance of
-/// the other program is assumed to be `noise` times (its squared luminance + 0.01), as stated in its notes.
+/// Compares the luminance of `without` with the luminance in a render by another program. The difference at each
+/// pixel is divided by its standard error. Returns the mean of this score over the pixels, and the share of pixels
+/// above 3. The variance of the other render is assumed to be `noise` times (its squared luminance + 0.01), as
+/// stated in its notes.
 fn z_scores(out: &path_trace::Out, outside: &[f32], noise: f64) -> (f64, f64) {
     let y = |rgb: &[f32]| f64::from(luminance([rgb[0], rgb[1], rgb[2]]));
     let variance = out.variance.0[0].picture.samples().chunks(4).map(|v| f64::from(v[0]));
@@ -44,7 +45,7 @@ fn z_scores(out: &path_trace::Out, outside: &[f32], noise: f64) -> (f64, f64) {
     let beyond = scores.iter().filter(|z| z.abs() > 3.0).count() as f64;
     let n = scores.len() as f64;
     let reported = (scores.iter().sum::<f64>() / n, beyond / n);
-    println!("  z: {:.3} on average, {:.5} beyond 3", reported.0, reported.1);
+    println!("  z scores: mean {:.3}, share above 3 {:.5}", reported.0, reported.1);
     reported
 }
 
@@ -114,7 +115,7 @@ fn closed_room_agrees_with_the_prototype_in_every_mode() {
             assert!((ratio - 1.0).abs() < off && relmse < noise, "{tag} {layer}: {ratio} {relmse}");
             if layer != "O" {
                 let (mean, beyond) = block_scores(&ours, &reference, 192);
-                println!("  z of blocks: {mean:.3} on average, {beyond:.4} beyond 3");
+                println!("  z scores of the blocks: mean {mean:.3}, share above 3 {beyond:.4}");
                 assert!(mean.abs() < 0.5 && beyond < 0.02, "{tag} {layer}: {mean} {beyond}");
             }
         }

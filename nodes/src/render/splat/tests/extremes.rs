@@ -1,6 +1,6 @@
-//! Tests of the rows of the table of numerical extremes. Each compares with the textbook implementation in f64,
-//! with a formula or with an invariant. Rows about files are tested with their loaders. Rows about panoramas are
-//! tested with `stitch` and in `panorama`.
+//! Tests of the rows of the table of numerical extremes. Each test compares the renderer with the textbook
+//! implementation in f64, with a formula or with an invariant. Rows about files are tested with their loaders. Rows
+//! about panoramas are tested with `stitch` and in `panorama`.
 
 use engine::Up;
 

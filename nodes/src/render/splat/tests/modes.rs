@@ -1,4 +1,4 @@
-//! Tests of depth modes, counts and the limit.
+//! Tests of depth modes, blend counts and the limiting surface ([`Limit`]).
 
 use super::*;
 
@@ -182,7 +182,7 @@ fn an_empty_view_is_reported_with_its_cause() {
     );
     // Too faint to be drawn; points without a filter.
     for (opacity, low_pass_px2, cause) in
-        [(0.001, 0.3, "below `alpha_cut`, 0.003922"), (0.5, 0.0, "not finite ellipses")]
+        [(0.001, 0.3, "below `alpha_cut` (0.003922"), (0.5, 0.0, "not finite ellipses")]
     {
         let mut points = cloud(300, 5);
         points.opacities.fill(opacity);
