@@ -112,7 +112,7 @@ fn damage_behind_the_index_costs_what_it_lies_in_and_is_reported() {
         let store = open(folder.path());
         assert_eq!(found(&store), COUNT - 1, "byte {at}");
         let reported: Vec<String> = store.take_incidents().iter().map(ToString::to_string).collect();
-        assert!(matches!(&reported[..], [one] if one.contains("damaged bytes")), "{reported:?}");
+        assert!(matches!(&reported[..], [one] if one.contains("damaged data")), "{reported:?}");
         store.flush().unwrap();
         let store = open(folder.path());
         assert_eq!((found(&store), store.take_incidents()), (COUNT - 1, vec![]), "healed");

@@ -146,6 +146,9 @@ mod tests {
         let outlook = Outlook { settings: 14, seconds: 200.0, unknown: 0 };
         assert_eq!(outlook_text(&outlook), "14 settings, about 3 min 20 s");
         assert!(outlook_text(&Outlook { unknown: 2, ..outlook }).contains("more than 3 min 20 s"));
-        assert_eq!(outlook_text(&Outlook { settings: 1, ..Outlook::default() }), "1 setting, all known");
+        assert_eq!(
+            outlook_text(&Outlook { settings: 1, ..Outlook::default() }),
+            "1 setting, all results known"
+        );
     }
 }

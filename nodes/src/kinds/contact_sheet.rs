@@ -160,7 +160,10 @@ mod tests {
     fn pictures_of_two_sorts_and_no_picture_are_refused() {
         let display = Images::single("photo", Image::<Srgb>::new(1, 1, 3));
         let why = sheet(0, 0, vec![plain(1, 1, 1.0), display]).err().unwrap_or_default();
-        assert!(why.contains("`v` is data of 1 channels, `photo` is srgb of 3 channels"), "{why}");
+        assert!(
+            why.contains("`v` has data values and 1 channels, `photo` has srgb values and 3 channels"),
+            "{why}"
+        );
         assert!(sheet(0, 0, vec![]).is_err());
     }
 }

@@ -281,7 +281,7 @@ fn what_makes_no_triangle_is_reported() {
     let mut json = triangle(json!({"mesh": 0}));
     let reported = |json: &Value| load_value(json, None).err().map(|e| e.to_string()).unwrap_or_default();
     json["meshes"][0]["primitives"][0]["mode"] = json!(0);
-    assert!(reported(&json).contains("points or lines in 1"), "{}", reported(&json));
+    assert!(reported(&json).contains("only points or lines (primitives: 1)"), "{}", reported(&json));
     json["meshes"][0]["primitives"][0]["mode"] = json!(4);
     json["nodes"][0]["scale"] = json!([1.0, 0.0, 0.0]);
     assert!(reported(&json).contains("with an area: 1 triangles"), "{}", reported(&json));
