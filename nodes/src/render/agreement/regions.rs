@@ -8,8 +8,8 @@ use super::spots::Spots;
 
 /// Minimum relative difference of depth at which a surface counts as in front of another one or behind it.
 const APART: f64 = 0.12;
-/// Maximum distance beyond the bounding box of the mesh at which a surface can count as missing, as a share of its
-/// distance from the eye.
+/// Surfaces up to this distance outside the bounding box of the mesh can also count as missing. The distance is a
+/// share of their distance from the eye.
 const MARGIN: f64 = 0.02;
 /// Minimum share of the outline of a part along which the mesh next to it must be farther away, for the part to
 /// count as floating.

@@ -25,9 +25,9 @@ const THINNEST: f64 = 1e-3;
 /// Maximum relative difference between the inverse depth of a splat and the mean of its sheet.
 pub(super) const SHEET: f64 = 0.02;
 
-/// Transmittance down to which the splats of a sheet have full weight in its mean. Below it the weight falls with
-/// the transmittance: splats behind others belong to the sheet as much as those in front of them, but hidden ones
-/// do not.
+/// Minimum transmittance at which a splat of a sheet has full weight in the mean of the sheet. At lower
+/// transmittance the weight decreases, since splats behind others belong to the sheet as much as splats in front,
+/// but hidden splats do not.
 pub(super) const COUNTS_DOWN_TO: f64 = 0.25;
 
 /// Factor on the weight of a splat in the mean of a sheet if `HELD_SIGMAS` limits its peak. Such a peak is not on

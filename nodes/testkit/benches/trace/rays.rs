@@ -25,7 +25,7 @@ fn helmet(data: &Data) -> Vec<[Vec3; 3]> {
     corners.collect()
 }
 
-/// Two sets of rays: those of a pinhole camera at `eye` that looks along -z, and incoherent rays from `origins`.
+/// Two sets of rays: rays of a pinhole camera at `eye` that looks along -z, and incoherent rays from `origins`.
 fn rays(eye: Vec3, tangent: f32, origins: impl Fn(Points) -> Vec3) -> [Vec<Ray>; 2] {
     let (width, height) = (512, RAYS / 512);
     let coherent = (0..RAYS).map(|i| {
