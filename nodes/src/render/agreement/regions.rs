@@ -73,7 +73,7 @@ fn parts(sight: &Sight, index: usize, marked: &[bool], depth: &[f64]) -> Vec<Par
     found
 }
 
-/// The pixels to the left, to the right, above and below, as far as they exist.
+/// The pixels to the left, to the right, above and below; `None` for those outside the picture.
 fn neighbours(pixel: usize, width: usize, height: usize) -> [Option<usize>; 4] {
     let (x, y) = (pixel % width, pixel / width);
     [

@@ -34,7 +34,8 @@ pub(super) const COUNTS_DOWN_TO: f64 = 0.25;
 /// the surface, but it is better than nothing where no other splat is visible.
 pub(super) const HELD_COUNTS: f64 = 0.01;
 
-/// Peaks of a splat over the pixels around its centre. Fits one cache line, like a footprint.
+/// Depths of the peaks of a splat, as a function of the position of the pixel. Fits one cache line, like a
+/// footprint.
 #[derive(Debug, Clone, Copy)]
 #[repr(C, align(64))]
 pub(super) struct Peak {

@@ -104,7 +104,7 @@ impl Embree {
         line.split(' ').map(|word| word.parse().unwrap()).collect()
     }
 
-    /// Same as [`pass`], by Embree.
+    /// Same as [`pass`], but run by Embree.
     fn pass(&mut self, set: usize) -> ([f64; 2], usize) {
         writeln!(self.program.stdin.as_mut().unwrap(), "{set}").unwrap();
         let told = self.numbers();
