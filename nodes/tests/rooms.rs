@@ -13,7 +13,7 @@ fn folder() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 
-/// Imports of every file, without those of unit tests.
+/// Imports of every file, except the imports of unit tests.
 fn imports() -> arrows::Imports {
     let mut imports = arrows::imports(&folder().join("src"));
     imports.retain(|file, _| file != "testing");

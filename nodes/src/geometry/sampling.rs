@@ -79,7 +79,8 @@ impl Points {
         Self { stream: self.stream, index: self.index.wrapping_mul(count).wrapping_add(number) }
     }
 
-    /// Returns the points of this sample in another stream. They are independent of the points of this stream.
+    /// Returns the points of this sample in a different stream, given by `number`. They are independent of the
+    /// points of this stream.
     #[inline]
     pub fn branch(&self, number: u32) -> Self {
         Self { stream: hash(self.stream, number), index: self.index }

@@ -59,7 +59,7 @@ impl Foot {
         Some(Self { low, high, base, middle: (a + b) * 0.5, half })
     }
 
-    /// Two horizontal axes, given the up direction.
+    /// Two horizontal unit vectors at a right angle to each other. `up` must be parallel to an axis of the world.
     pub fn axes(up: DVec3) -> [DVec3; 2] {
         let across = if up.x.abs() > 0.5 { DVec3::Y } else { DVec3::X };
         [across, up.cross(across)]

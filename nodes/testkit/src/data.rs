@@ -30,7 +30,7 @@ impl Data {
         Self::of(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"), up, seed)
     }
 
-    /// Returns the same files with another seed.
+    /// Returns the same files with a different seed.
     pub fn with_seed(&self, seed: u64) -> Self {
         Self { seed, ..self.clone() }
     }

@@ -72,7 +72,7 @@ fn over(plane: DVec3, p: DVec3) -> f64 {
 }
 
 /// The plane with the most points. Candidates are the horizontal planes through each point, and the planes through
-/// any three of every 23rd point.
+/// any three points of a subset, which contains every 23rd point.
 fn densest(points: &[DVec3]) -> DVec3 {
     let some: Vec<DVec3> = points.iter().copied().step_by(23).collect();
     let mut planes: Vec<DVec3> = points.iter().map(|p| DVec3::new(p.z, 0.0, 0.0)).collect();

@@ -1,6 +1,6 @@
 //! Measures the error of every node: the largest error and the 99.9th percentile. The reference is a slow float64
-//! implementation that follows the definition of the node. For nodes that sample, it is the same node with a finer
-//! setting. `docs/evidence/README.md` lists the nodes that need no such test.
+//! implementation that follows the definition of the node. For nodes that sample, the reference is the same node
+//! with a finer setting. `docs/evidence/README.md` lists the nodes that need no such test.
 //!
 //! All results are deterministic, so `errors.tsv` is the same on every machine. If a line changes, a picture has
 //! changed: look at the picture, then update the file with `UPDATE_GOLDEN=1`.

@@ -33,7 +33,7 @@ struct World {
     object: Arc<Object>,
     pose: Pose,
     rig: Rig,
-    /// Height below which the mesh is the receiver.
+    /// Height at which the mesh is cropped. The part below it is the receiver.
     below: f64,
     metres_per_unit: f64,
     origin: DVec3,

@@ -163,8 +163,7 @@ fn most_in_one_place(boxes: &[(Vec3, Vec3)]) -> usize {
 pub(super) enum Opens {
     /// Selects the branches for which rays visit the fewest nodes: see [`Collapse`].
     Fewest,
-    /// Opens the child with the most triangles first, so that the depth of the tree is a third of that of the
-    /// binary tree.
+    /// Opens the child with the most triangles first, so that the tree has a third of the depth of the binary tree.
     Fullest,
 }
 

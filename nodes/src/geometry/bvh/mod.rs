@@ -20,7 +20,7 @@ use stack::{STACK, with_stack};
 pub use steps::Steps;
 use triangles::{Packet, Sheared};
 
-/// A half-line from `origin`, up to `t_max` lengths of `direction`.
+/// A ray: the points `origin + t * direction` for `t` up to `t_max`.
 #[derive(Debug, Clone, Copy)]
 pub struct Ray {
     /// Start point. A hit at the start point itself does not count.

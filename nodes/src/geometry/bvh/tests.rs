@@ -277,8 +277,9 @@ fn hits_do_not_depend_on_the_tree() {
     }
 }
 
-/// A large tree, which consists of pieces, gives the same hits as a tree in one piece, with hardly more steps. It
-/// does not depend on the number of threads. This test fails if `join` does not add `start`, or if `halved` uses
+/// A large tree, which consists of pieces, gives the same hits as a tree in one piece, with hardly more steps. The
+/// tree does not depend on the number of threads. This test fails if `join` does not add `start`, or if `halved`
+/// uses
 /// `right[at]` in place of `left`.
 #[test]
 fn a_tree_of_pieces_gives_the_same_hits() {

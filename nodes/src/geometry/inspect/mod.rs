@@ -110,9 +110,9 @@ impl Slab {
     }
 
     /// Returns the flat area minus the area that the flat fraction elsewhere predicts, and this excess in standard
-    /// deviations. The null hypothesis is that a patch is flat with the same probability everywhere. The standard
-    /// deviation is either that of the null hypothesis or that of the observed flat area, whichever is larger. The
-    /// second is larger if few patches are flat.
+    /// deviations. The null hypothesis is that a patch is flat with the same probability everywhere. Two standard
+    /// deviations are computed, one under the null hypothesis and one from the observed flat area, and the larger
+    /// one is used. The second is larger if few patches are flat.
     fn excess(&self, total: &Self) -> (f64, f64) {
         let elsewhere = total.all - self.all;
         if elsewhere <= 0.0 {

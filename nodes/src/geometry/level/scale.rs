@@ -7,10 +7,11 @@ use super::refine::Stand;
 use crate::geometry::support::median;
 use crate::types::Rig;
 
-/// Range of heights at which people hold a camera, in metres. A height outside the range is assumed to be its
-/// middle.
+/// Range of heights at which people hold a camera, in metres. If the measured height is outside the range, the true
+/// height is assumed to be the middle of the range.
 const HELD: [f64; 2] = [1.1, 1.9];
-/// Range of heights of rooms, in metres. A height outside the range is assumed to be its middle.
+/// Range of heights of rooms, in metres. If the measured height is outside the range, the true height is assumed to
+/// be the middle of the range.
 const ROOM: [f64; 2] = [2.2, 3.4];
 
 /// The length of a unit.

@@ -34,7 +34,8 @@ use spots::Spots;
 const WANTED: usize = 3;
 /// Maximum number of points around which views are compared.
 const AROUND: usize = 2;
-/// Minimum agreement at which the mesh counts as being in the frame of the splats. No search is made then.
+/// Minimum agreement at which the mesh counts as being in the frame of the splats, so that no better transform is
+/// searched for.
 const AGREES: f64 = 0.8;
 /// Minimum agreement of a transformed mesh for the transform to be reported.
 const FOUND: f64 = 0.4;
@@ -47,7 +48,8 @@ const PART: f64 = 0.02;
 /// Minimum agreement, at the points where the mesh is visible, at which a mesh of a part of the place counts as
 /// being in the frame of the splats.
 const PART_AGREES: f64 = 0.9;
-/// Agreement below which splats and mesh are reported even if no transform is found.
+/// If the agreement is below this value, splats and mesh are reported as being in different frames even if no
+/// transform is found.
 const DISAGREES: f64 = 0.12;
 /// Agreement below which they disagree where the mesh is visible.
 const PART_DISAGREES: f64 = 0.5;

@@ -8,8 +8,8 @@ use super::spots::Spots;
 
 /// Minimum relative difference of depth at which a surface counts as in front of another one or behind it.
 const APART: f64 = 0.12;
-/// Maximum distance beyond the bounding box of the mesh at which a surface can count as missing, as a share of its
-/// distance from the eye.
+/// Surfaces up to this distance outside the bounding box of the mesh can also count as missing. The distance is a
+/// share of their distance from the eye.
 const MARGIN: f64 = 0.02;
 /// Minimum share of the outline of a part along which the mesh next to it must be farther away, for the part to
 /// count as floating.
@@ -73,7 +73,7 @@ fn parts(sight: &Sight, index: usize, marked: &[bool], depth: &[f64]) -> Vec<Par
     found
 }
 
-/// The pixels to the left, to the right, above and below, as far as they exist.
+/// The pixels to the left, to the right, above and below; `None` for those outside the picture.
 fn neighbours(pixel: usize, width: usize, height: usize) -> [Option<usize>; 4] {
     let (x, y) = (pixel % width, pixel / width);
     [

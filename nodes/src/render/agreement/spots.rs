@@ -23,8 +23,9 @@ const GRAIN: f64 = 2.0;
 const MEASURED: usize = 4000;
 /// Minimum opacity of the sampled splats.
 const OPAQUE: f32 = 0.3;
-/// Maximum distance of a point of the mesh from the surface of the splats at which it counts as on the surface, as a
-/// share of its distance from the eye.
+/// Maximum distance between a point of the mesh and the surface of the splats for the point to count as on the
+/// surface, as a share of the distance of the point from the eye, or of the median distance of all points if that
+/// is larger.
 const ON: f64 = 0.03;
 /// Step through the points of the mesh: one point out of this many is tested.
 const CONFIRMED: usize = 8;
@@ -127,7 +128,7 @@ impl Spots {
         sights.iter().map(|sight| raster::depths(mesh, world_from_mesh, &sight.camera, self.near())).collect()
     }
 
-    /// Agreement of the depths of a mesh with all points, and with those at which the depth `known` is finite.
+    /// Agreement of the depths of a mesh with all points, and with the points at which the depth `known` is finite.
     pub fn agreement(&self, sights: &[Sight], depths: &[Vec<f64>], known: &[Vec<f64>]) -> Agreement {
         let (mut sums, mut totals) = ([0.0; 2], [0.0; 2]);
         for spot in &self.list {

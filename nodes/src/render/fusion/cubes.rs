@@ -1,4 +1,4 @@
-//! Cubes through or near which a surface passes: at least [`VIEWS`] views see points in or near each cube.
+//! Cubes through or near which a surface passes: at least two views see points in or near each cube.
 
 use engine::{Context, NodeError};
 use glam::Vec3;

@@ -27,7 +27,7 @@ const FLATTEST: f32 = 0.1;
 /// Weight, at a corner, of a view that sees empty space there, relative to a view that sees a surface there at a
 /// right angle.
 const THROUGH: f32 = 0.25;
-/// Weight of a pixel at an edge between two surfaces.
+/// Weight of a pixel at an edge between two surfaces, relative to a pixel that shows a single surface.
 const AT_EDGE: f32 = 0.25;
 /// Minimum number of views that must see the surface near a corner behind it. Otherwise the surface is left out at
 /// this corner.

@@ -17,7 +17,7 @@ pub struct Fit {
     pub median: Option<f64>,
     /// 95th percentile of the difference.
     pub most: Option<f64>,
-    /// Share of the pixels that show splats within reach but no mesh.
+    /// Share of the pixels that show splats in the compared region but no mesh.
     pub holes: f64,
     /// Share of the pixels that show the mesh but no splats.
     pub extra: f64,

@@ -139,9 +139,9 @@ impl Plane {
         self.normal.dot(place) - self.offset
     }
 
-    /// Amount that is subtracted from the distance of a corner at `place`. If the distance differs from that to the
-    /// plane by at most the noise, this is the whole difference. For larger differences it decreases, and it is 0
-    /// if the difference is at least twice the noise.
+    /// Amount that is subtracted from `distance`, the distance of the field at `place`. If it differs from the
+    /// distance to the plane by at most the noise, the amount is the whole difference. For larger differences the
+    /// amount decreases, and it is 0 from twice the noise on.
     fn excess(&self, place: Vec3, distance: f32) -> f32 {
         let off = distance - self.distance(place);
         off * (2.0 - off.abs() / self.noise.max(f32::MIN_POSITIVE)).clamp(0.0, 1.0)

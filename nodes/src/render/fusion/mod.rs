@@ -1,5 +1,5 @@
-//! Surface of a scene from its splats: depth images from many views are fused into distances in cells, and
-//! the zero of these distances becomes triangles.
+//! Surface of a scene from its splats. Depth images from many views are fused into distances to the surface at the
+//! corners of cells, and the surface where these distances are 0 is converted to triangles.
 
 pub mod cubes;
 pub mod depth_view;

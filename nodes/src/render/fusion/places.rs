@@ -300,7 +300,7 @@ impl Places {
     }
 }
 
-/// Selects at most `most` of the points, each as far as possible from those before it.
+/// Selects at most `most` of the points, each as far as possible from the points selected before it.
 fn farthest_first(points: &[Vec3], most: usize) -> Vec<Vec3> {
     let mut kept: Vec<Vec3> = points.first().copied().into_iter().collect();
     let mut apart: Vec<f32> = points.iter().map(|point| (*point - kept[0]).length_squared()).collect();

@@ -38,8 +38,8 @@ fn judge(splats: &Splats, view: &View, up: DVec3, radius: f64, cx: &Context) -> 
     Ok(alpha * (1.0 - close) * (1.0 - close) * (0.3 + 0.3 * exposed + 0.4 * (detail / 0.04).min(1.0)))
 }
 
-/// Views that show most of the scene, best first and no two alike. They are taken at eye height above free places
-/// of the floor, from around the scene if it is a single object, and from the cameras of the capture.
+/// Views that show most of the scene, best first, without similar views. Candidates are at eye height above free
+/// places of the floor (or around the scene if it is a single object), and at the cameras of the capture.
 pub fn views(
     splats: &Splats,
     stand: &LevelEstimate,

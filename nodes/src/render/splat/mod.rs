@@ -234,9 +234,8 @@ fn check(camera: &Camera, limit: Option<Limit<'_>>) -> Result<(), NodeError> {
     Ok(())
 }
 
-/// Measures the speed of the arithmetic of blending, in evaluations per second, as a reference for benches. It
-/// blends one tile that stays in the first-level cache, where every splat covers the tile and no pixel is ever
-/// finished.
+/// Measures the speed of blending arithmetic, in evaluations per second, as a reference for benchmarks. It blends
+/// one tile that stays in the first-level cache. Every splat covers the tile, and no pixel is ever finished.
 #[doc(hidden)]
 pub fn calibrate(splats: usize, level: Level, clock: Clock<'_>, cx: &Context) -> f64 {
     let wide = Footprint {

@@ -176,8 +176,8 @@ struct Cap<'a> {
 
 impl Cap<'_> {
     /// Adds to `pixel` the colour of the cap in a direction, multiplied by `share`. Colours are interpolated
-    /// between four pixel centres. Depth and count are those of the nearest pixel, since the mean of two depths may
-    /// be in empty space.
+    /// between four pixel centres. Depth and count are taken from the nearest pixel, since the mean of two depths
+    /// may be in empty space.
     fn add(&self, direction: DVec3, share: f64, pixel: &mut PanoramaPixel) {
         let m = self.camera.world_from_camera();
         let along = |axis: glam::DVec4| axis.truncate().dot(direction);

@@ -25,16 +25,17 @@ const THINNEST: f64 = 1e-3;
 /// Maximum relative difference between the inverse depth of a splat and the mean of its sheet.
 pub(super) const SHEET: f64 = 0.02;
 
-/// Transmittance down to which the splats of a sheet have full weight in its mean. Below it the weight falls with
-/// the transmittance: splats behind others belong to the sheet as much as those in front of them, but hidden ones
-/// do not.
+/// Minimum transmittance at which a splat of a sheet has full weight in the mean of the sheet. At lower
+/// transmittance the weight decreases, since splats behind others belong to the sheet as much as splats in front,
+/// but hidden splats do not.
 pub(super) const COUNTS_DOWN_TO: f64 = 0.25;
 
 /// Factor on the weight of a splat in the mean of a sheet if `HELD_SIGMAS` limits its peak. Such a peak is not on
 /// the surface, but it is better than nothing where no other splat is visible.
 pub(super) const HELD_COUNTS: f64 = 0.01;
 
-/// Peaks of a splat over the pixels around its centre. Fits one cache line, like a footprint.
+/// Depths of the peaks of a splat, as a function of the position of the pixel. Fits one cache line, like a
+/// footprint.
 #[derive(Debug, Clone, Copy)]
 #[repr(C, align(64))]
 pub(super) struct Peak {

@@ -193,7 +193,7 @@ pub struct Settings {
 pub const TILE: usize = 16;
 
 /// Maximum memory of the lists of tiles, in bytes. This is enough for all lists of an ordinary view, but not for
-/// those of a view in which many large splats overlap.
+/// the lists of a view in which many large splats overlap.
 pub(crate) const LIST_BYTES: u64 = 1 << 26;
 
 impl Settings {

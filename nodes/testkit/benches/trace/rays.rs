@@ -25,7 +25,7 @@ fn helmet(data: &Data) -> Vec<[Vec3; 3]> {
     corners.collect()
 }
 
-/// Two sets of rays: those of a pinhole camera at `eye` that looks along -z, and incoherent rays from `origins`.
+/// Two sets of rays: rays of a pinhole camera at `eye` that looks along -z, and incoherent rays from `origins`.
 fn rays(eye: Vec3, tangent: f32, origins: impl Fn(Points) -> Vec3) -> [Vec<Ray>; 2] {
     let (width, height) = (512, RAYS / 512);
     let coherent = (0..RAYS).map(|i| {
@@ -104,7 +104,7 @@ impl Embree {
         line.split(' ').map(|word| word.parse().unwrap()).collect()
     }
 
-    /// Same as [`pass`], by Embree.
+    /// Same as [`pass`], but run by Embree.
     fn pass(&mut self, set: usize) -> ([f64; 2], usize) {
         writeln!(self.program.stdin.as_mut().unwrap(), "{set}").unwrap();
         let told = self.numbers();

@@ -52,8 +52,8 @@ fn demo(name: &'static str, place: Setting, floor: (f64, f64)) -> Known {
     Known { name, splats, truth: Some((DVec3::Z, floor.0)), bounds: (1.0, floor.1) }
 }
 
-/// Scenes with their true values, from `README.md` of the data. The true floor of the garden is that under the
-/// middle of the capture, since the ground rises and falls there by 0.3. Four scenes have no true values, so no
+/// Scenes with their true values, from `README.md` of the data. For the garden, whose ground rises and falls by
+/// 0.3, the true floor is the ground under the middle of the capture. Four scenes have no true values, so no
 /// estimate for them may be confident: a failed phone capture, a failed training, 1000 splats of a scene, and a
 /// chart.
 fn scenes() -> Vec<Known> {

@@ -46,7 +46,7 @@ fn object(path: &str) -> Result<(Arc<Object>, Notes), NodeError> {
     LoadObject::run(&p, load_object::In {}, &cx(1.0)).map(|(out, notes)| (out.object, notes))
 }
 
-/// A camera, such as that of `view.ron` or `insert.ron`.
+/// Rig with one camera, such as the camera in `view.ron` or `insert.ron`.
 fn rig(eye: [f64; 3], target: [f64; 3], size: [u32; 2], fov_y_deg: f64) -> Arc<Rig> {
     let [width_px, height_px] = size;
     let name = "camera".to_owned();
