@@ -135,7 +135,7 @@ fn a_photograph_is_a_background_and_what_no_knob_reaches_is_left_out() {
     };
     for value in ["0", "-3", "nan", "inf"] {
         let (code, reported) = error(&[&format!("--max-work={value}")]);
-        assert!(code == Some(2) && reported.contains("--max-work must be a number above 0"), "{reported}");
+        assert!(code == Some(2) && reported.contains("`--max-work` must be a number above 0"), "{reported}");
     }
     assert_eq!(error(&["--max-error", "flip=0.1", "--metric", "rmse"]).0, Some(2));
     assert_eq!(error(&["--max-work", "1e9", "--budget", "0"]).0, Some(2));
