@@ -195,7 +195,7 @@ impl Opened<'_> {
         (window.0, window.1)
     }
 
-    /// Position of the data in the display window.
+    /// Offset of the data window from the display window, in pixels.
     fn shift(&self) -> [i64; 2] {
         let header = self.header();
         let (data, window) =

@@ -14,7 +14,7 @@ use super::ply;
 pub struct Head {
     /// Width and height in pixels.
     pub size: [u64; 2],
-    /// Samples per pixel, over all layers of an OpenEXR file.
+    /// Samples per pixel. For OpenEXR, the samples of all layers of the part are counted.
     pub channels: u64,
     /// Bytes per pixel of the decoder's result, which is then converted to samples. OpenEXR is read without
     /// conversion: there, this is the additional memory that another part of the file may need.

@@ -7,7 +7,7 @@ use crate::types::{Image, Linear};
 
 /// Exponent of the tone curve: samples are raised to the power 1 / `GAMMA` before the median is taken.
 const GAMMA: f64 = 2.4;
-/// Value that the median has after the tone curve.
+/// Target value of the median after the tone curve.
 const MIDDLE: f64 = 0.5;
 /// Maximum share of the sphere above white.
 const ABOVE_WHITE: f64 = 0.15;
