@@ -153,7 +153,7 @@ pub struct Opened<'a> {
 /// Opens a file at the part that holds a layer; see [`choose_part`].
 ///
 /// # Errors
-/// Errors about the header.
+/// If the header is invalid or uses an unsupported feature.
 pub fn open<'a>(file: &'a str, bytes: &'a [u8], layer: &str) -> Result<Opened<'a>, Error> {
     let meta = MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(|e| broken(file, e))?;
     let Some((header, layer)) = choose_part(&meta.headers, layer) else {
@@ -239,7 +239,7 @@ impl Opened<'_> {
     /// Samples of channels of the part, in the given order within each pixel; other channels are not kept in memory.
     ///
     /// # Errors
-    /// [`Error::Stopped`], errors about the file, and a channel that does not exist.
+    /// [`Error::Stopped`] if the run was cancelled; another error if the file is invalid or has no such channel.
     pub fn interleaved(&self, names: &[String], progress: Progress<'_>) -> Result<Vec<f32>, Error> {
         let mut starts = vec![None; self.header().channels.list.len()];
         for (start, name) in names.iter().enumerate() {
@@ -255,7 +255,7 @@ impl Opened<'_> {
     /// All channels of the part.
     ///
     /// # Errors
-    /// [`Error::Stopped`], and errors about the file.
+    /// [`Error::Stopped`] if the run was cancelled; another error if the file is invalid.
     pub fn planes(&self, progress: Progress<'_>) -> Result<Planes, Error> {
         let ((width, height), names) = (self.size(), self.names());
         let starts = (0..names.len()).map(|plane| Some(plane * width * height)).collect();
@@ -380,7 +380,7 @@ impl ChannelsReader for RowsReader {
 /// Reads the part that holds a layer; see [`choose_part`].
 ///
 /// # Errors
-/// [`Error::Stopped`], and errors about the file.
+/// [`Error::Stopped`] if the run was cancelled; another error if the file is invalid.
 pub fn read_layer(file: &str, bytes: &[u8], layer: &str, progress: Progress<'_>) -> Result<Planes, Error> {
     open(file, bytes, layer)?.planes(progress)
 }
