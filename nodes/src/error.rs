@@ -12,7 +12,7 @@ pub enum Error {
         /// The error, with its position in the file if known.
         what: String,
     },
-    /// A file that uses a feature that is not supported; names the feature.
+    /// A file that uses an unsupported feature, which the error names.
     #[error("`{file}`: not supported: {feature}")]
     Unsupported {
         /// The file as the graph names it.

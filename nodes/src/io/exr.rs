@@ -256,7 +256,7 @@ impl Opened<'_> {
     /// Reads all channels of the part.
     ///
     /// # Errors
-    /// [`Error::Stopped`], and errors about the file.
+    /// [`Error::Stopped`] if the run was cancelled; another error if the file is invalid.
     pub fn planes(&self, progress: Progress<'_>) -> Result<Planes, Error> {
         let ((width, height), names) = (self.size(), self.names());
         let starts = (0..names.len()).map(|plane| Some(plane * width * height)).collect();
@@ -381,7 +381,7 @@ impl ChannelsReader for RowsReader {
 /// Reads the part that holds a layer; see [`choose_part`].
 ///
 /// # Errors
-/// [`Error::Stopped`], and errors about the file.
+/// [`Error::Stopped`] if the run was cancelled; another error if the file is invalid.
 pub fn read_layer(file: &str, bytes: &[u8], layer: &str, progress: Progress<'_>) -> Result<Planes, Error> {
     open(file, bytes, layer)?.planes(progress)
 }

@@ -20,7 +20,7 @@ pub fn json_text(bytes: &[u8]) -> &[u8] {
 /// with a remedy. Readers call this before they detect their own formats.
 ///
 /// # Errors
-/// [`Error::Unsupported`] that names the format of the file.
+/// [`Error::Unsupported`], which names the format of the file.
 pub fn refuse_foreign(file: &str, bytes: &[u8]) -> Result<(), Error> {
     let starts = |magic: &[u8]| bytes.starts_with(magic);
     let what = if starts(b"version https://git-lfs.github.com/spec/")

@@ -97,7 +97,7 @@ impl GPano {
     }
 }
 
-/// The value of a property, as an attribute or an element.
+/// The value of a property, which may be stored as an XML attribute or as an element.
 fn value<'a>(text: &'a str, name: &str) -> Option<&'a str> {
     let name = format!("GPano:{name}");
     text.match_indices(&name).find_map(|(at, _)| {

@@ -26,7 +26,7 @@ pub struct Side {
     pub across: bool,
     /// True if the coordinate grows to the right or upwards.
     pub forward: bool,
-    /// Number of pixels.
+    /// Number of pixels along the axis.
     pub count: u32,
 }
 

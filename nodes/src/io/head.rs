@@ -14,7 +14,7 @@ use super::ply;
 pub struct Head {
     /// Width and height in pixels.
     pub size: [u64; 2],
-    /// Samples per pixel, over all layers of an OpenEXR file.
+    /// Samples per pixel. For OpenEXR, the samples of all layers of the part are counted.
     pub channels: u64,
     /// Bytes per pixel that the decoder returns. For OpenEXR, the bytes per pixel that the largest part needs in
     /// addition to this part.

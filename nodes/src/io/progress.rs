@@ -48,7 +48,7 @@ impl<'a> Progress<'a> {
     /// Reports progress from 0 to 1 within the range.
     ///
     /// # Errors
-    /// [`Error::Stopped`].
+    /// [`Error::Stopped`] if the run was cancelled.
     pub fn report(&self, done: f32) -> Result<(), Error> {
         let Some(cx) = self.cx else { return Ok(()) };
         cx.progress(self.from + (self.to - self.from) * done.clamp(0.0, 1.0));
@@ -58,7 +58,7 @@ impl<'a> Progress<'a> {
     /// Applies `f` to consecutive pieces of a slice, and checks for cancellation between them.
     ///
     /// # Errors
-    /// [`Error::Stopped`].
+    /// [`Error::Stopped`] if the run was cancelled.
     pub fn over<'s, T>(&self, slice: &'s [T], mut f: impl FnMut(&'s [T])) -> Result<(), Error> {
         for piece in slice.chunks(PIECE) {
             self.report(1.0)?;
@@ -70,7 +70,7 @@ impl<'a> Progress<'a> {
     /// Applies `f` to every index below `n`, with results in that order, on the shared threads if there are any.
     ///
     /// # Errors
-    /// [`Error::Stopped`].
+    /// [`Error::Stopped`] if the run was cancelled.
     pub fn tiles<T: Send>(&self, n: usize, f: impl Fn(usize) -> T + Send + Sync) -> Result<Vec<T>, Error> {
         match self.cx {
             Some(cx) => cx.for_each_tile(n, f).map_err(|_| Error::Stopped),

@@ -46,7 +46,7 @@ impl Lost {
     }
 }
 
-/// Display codes of a picture, rounded to nearest.
+/// Converts a picture to display codes, rounded to the nearest code.
 pub(crate) fn quantise(
     picture: &Picture,
     wide: bool,

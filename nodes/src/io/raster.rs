@@ -32,7 +32,7 @@ impl Raster {
     /// The samples from 0 to 1 as colours, RGB or RGBA premultiplied by alpha, with the number of channels.
     ///
     /// # Errors
-    /// [`Error::Stopped`].
+    /// [`Error::Stopped`] if the run was cancelled.
     pub fn colours(&self, progress: Progress<'_>) -> Result<(usize, Vec<f32>), Error> {
         let alpha = self.channels.is_multiple_of(2);
         let channels = if alpha { 4 } else { 3 };

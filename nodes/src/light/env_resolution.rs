@@ -23,7 +23,7 @@ const ACROSS_LIGHT: f64 = 8.0;
 const BRIGHT: f64 = 16.0;
 /// Minimum fraction of the total power that a light must have to count.
 const SHARE: f64 = 0.05;
-/// Smallest number of columns.
+/// Minimum number of columns.
 const LEAST: usize = 64;
 
 /// Required resolution of an environment.

@@ -7,7 +7,7 @@ use crate::types::{Image, Linear};
 
 /// Exponent of the tone curve: samples are raised to the power 1 / `GAMMA` before the median is taken.
 const GAMMA: f64 = 2.4;
-/// Value that the median has after the tone curve.
+/// Target value of the median after the tone curve.
 const MIDDLE: f64 = 0.5;
 /// Maximum share of the sphere above white.
 const ABOVE_WHITE: f64 = 0.15;
@@ -72,10 +72,10 @@ impl Shown {
     }
 }
 
-/// The hidden light of a pixel: log2 of the ratio of its true luminance to its luminance in the panorama, at least
-/// 0. The true luminance is taken from the first of `exposures` (sorted from brightest to darkest) in which the
-/// pixel is not clipped, or from the last one if it is clipped in all. The flag is true in the latter case. `None`
-/// if there are no exposures.
+/// The hidden light of a pixel: log2 of the ratio, at least 1, of its true luminance to its luminance in the
+/// panorama. The true luminance is taken from the first of `exposures` (sorted from brightest to darkest) in which
+/// the pixel is not clipped, or from the last one if it is clipped in all. The flag is true in the latter case.
+/// `None` if there are no exposures.
 pub(crate) fn measured(own: [f32; 3], exposures: impl Iterator<Item = Shown>) -> Option<(f32, bool)> {
     let own = f64::from(luminance(own)).max(DARKEST);
     let mut last = None;

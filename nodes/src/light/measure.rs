@@ -11,7 +11,7 @@ use crate::types::Environment;
 /// A cell of an environment: a direction, its solid angle and the mean radiance in it.
 #[derive(Debug, Clone, Copy)]
 pub struct Cell {
-    /// Unit direction of the centre of its texels.
+    /// Unit direction of the centroid of the texels in the cell.
     pub direction: DVec3,
     /// Solid angle, in steradians.
     pub solid_angle: f64,

@@ -13,7 +13,7 @@ const SIZE: usize = 32;
 pub enum Sphere {
     /// White and matte.
     Diffuse,
-    /// Glossy: a normalised lobe around the mirror direction, the cosine to the power of 24 (Phong).
+    /// Glossy, with a normalised Phong lobe: the cosine of the angle to the mirror direction, to the power of 24.
     Glossy,
     /// A mirror, which shows the cell of light nearest to the mirror direction.
     Mirror,

@@ -8,7 +8,8 @@ use crate::error::Error;
 use crate::math::color::linear_from_srgb;
 use crate::types::{Image, Images, Linear, Picture};
 
-/// Returns the picture of the view `name` in a set. It is an error if its size is not `size` (columns, rows).
+/// Returns the picture of the view `name` in a set. It is an error if the size of the picture is not `size`
+/// (columns, rows).
 pub fn matching<'a>(
     images: &'a Images,
     port: &'static str,

@@ -31,7 +31,7 @@ enum Component {
     F32,
 }
 
-/// Reader of a column whose bytes are known to exist.
+/// Reader of a column. The bytes of all its rows are known to exist.
 pub struct Reader<'a> {
     bytes: &'a [u8],
     count: usize,

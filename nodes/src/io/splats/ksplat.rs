@@ -50,7 +50,8 @@ pub(super) fn is_ksplat(bytes: &[u8]) -> bool {
         && (room == 0 || used <= room)
 }
 
-/// A section: its rows, and the buckets that their centres are relative to.
+/// A section: its rows, and the centres of its buckets. The position of a row is relative to the centre of its
+/// bucket.
 struct Section<'a> {
     count: usize,
     degree: u32,

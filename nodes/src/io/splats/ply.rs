@@ -1,12 +1,10 @@
 //! INRIA PLY: one row per splat, before activation, in ASCII or binary.
 //!
 //! Fields (gaussian-splatting, `scene/gaussian_model.py`, `save_ply`): `x y z`, `f_dc_0..2`, `f_rest_*` channel by
-//! channel, `opacity` (logit), `scale_0..2` (log), `rot_0..3` (w x y z). 2DGS writes only two scales; the third is
-//! then
-//! 0. Some programs write `red`, `green`, `blue` for `f_dc_*` (nerfstudio's `ply_color_mode: rgb`). `filter_3D`,
-//!    which
-//! Mip-Splatting and MILo add, is the standard deviation of a smoothing filter that the stored scales and opacities
-//! do not include yet. Other fields are ignored.
+//! channel, `opacity` (logit), `scale_0..2` (log), `rot_0..3` (w x y z). 2DGS writes only two scales, and the third
+//! scale is then 0. Some programs write `red`, `green`, `blue` for `f_dc_*` (nerfstudio's `ply_color_mode: rgb`).
+//! `filter_3D`, which Mip-Splatting and MILo add, is the standard deviation of a smoothing filter that the stored
+//! scales and opacities do not include yet. Other fields are ignored.
 
 use engine::{NodeError, Notes};
 

@@ -20,7 +20,7 @@ use crate::math::num;
 /// Number of splats per chunk.
 const CHUNK: usize = 256;
 
-/// True for a header that has the packed fields.
+/// True if a header has the fields of a compressed PLY.
 pub(super) fn is_packed(header: &FixedRows) -> bool {
     header.find("vertex").is_some_and(|vertex| vertex.find("packed_position").is_some())
 }

@@ -89,9 +89,10 @@ struct Meta1 {
 
 type Table = [f64; 256];
 
-/// The coefficients of degree 1 and above, as a palette of sets.
+/// A palette for the coefficients of degree 1 and above. Each entry is a set of all these coefficients, which a
+/// splat selects by its index.
 struct Palette {
-    /// Number of sets; `None` if the file does not specify it.
+    /// Number of sets in the palette; `None` if the file does not specify it.
     count: Option<u64>,
     /// Degree; `None` if it follows from the width of the picture.
     degree: Option<u32>,
@@ -104,12 +105,13 @@ pub(super) struct Meta {
     antialiased: bool,
     mins: [f64; 3],
     maxs: [f64; 3],
-    /// Standard deviations.
+    /// Standard deviation along each axis.
     scales: [Table; 3],
     colours: [Table; 3],
     opacities: Table,
     palette: Option<Palette>,
-    /// The files: means low, means high, scales, quats, sh0, then palette and labels.
+    /// Names of the picture files, in this order: low bytes of the centres, high bytes of the centres, scales,
+    /// quaternions, constant colours, then the palette and the labels if there is a palette.
     files: Vec<String>,
 }
 

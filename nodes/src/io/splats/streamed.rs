@@ -182,7 +182,7 @@ mod tests {
         assert!(level("a", format!("{{\"filenames\": [], \"tree\": {deep}").as_bytes(), 0).is_err());
     }
 
-    /// Changed descriptions give an error, or ranges in order.
+    /// A damaged `lod-meta.json` gives an error or ascending ranges of rows.
     #[test]
     fn damaged_descriptions_are_survived() {
         let mut seed = 1_u64;

@@ -26,10 +26,10 @@ pub struct Plane {
     pub samples: Vec<f64>,
 }
 
-/// Error sums over some pixels of two pictures.
+/// Errors over the compared pixels of two pictures.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Errors {
-    /// Number of pixels.
+    /// Number of compared pixels.
     pub pixels: u64,
     /// Mean of squared differences over pixels and channels.
     pub mean_square: f64,

@@ -15,7 +15,7 @@ pub struct Conv {
     pub bias: Vec<f32>,
     /// Number of input pixels between adjacent outputs, along both axes.
     pub stride: usize,
-    /// Rows and columns of zeros on each side.
+    /// Number of rows and columns of zeros that are added on each side of the input.
     pub padding: usize,
 }
 

@@ -22,7 +22,7 @@ const HOLDERS: usize = 64;
 struct Part {
     area: f64,
     middle: DVec3,
-    /// Sum of the area vectors.
+    /// Sum of the area vectors of the triangles.
     vector: DVec3,
     /// Sum over triangles of area times the signed distance of the triangle's plane from the middle of the part,
     /// positive if the triangle faces away from the middle.
