@@ -110,7 +110,7 @@ impl Truth {
         fine.iter_mut().for_each(expose);
         let env = Environment { image: image.into(), up: Up::PlusZ, origin: None };
         let light = measure::dominant(&measure::cells(&env, WIDTH / 2), &measure::cells(&env, WIDTH))?;
-        Some(Self { image: env.image, fine, light })
+        Some(Self { image: Image::clone(&env.image), fine, light })
     }
 
     /// Panorama that a photograph is taken from.
