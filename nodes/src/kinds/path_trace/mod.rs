@@ -51,8 +51,7 @@ engine::params! {
         samples: u32 = 256, range(1, 1_048_576), other("3"), knob(Samples, "4", "16", "64", "1024");
         /// Target standard error of each tile of 8 by 8 pixels, as a root mean square over the pixels whose error
         /// is not 0. It applies to `object`, relative to the mean of `object`, and to the ratio `with / without`
-        /// where
-        /// the receiver is visible. Where the ratio is certainly above 1, its error is relative to the ratio.
+        /// where the receiver is visible. Where the ratio is certainly above 1, its error is relative to the ratio.
         /// Pixels where `without` is below a thousandth of its median are ignored. After the first 4 samples,
         /// blocks of 32 by 32 pixels take more chunks of samples until they reach the target error or the maximum
         /// `samples`. Notes report the result. `None` takes `samples` everywhere.

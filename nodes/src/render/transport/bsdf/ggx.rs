@@ -52,9 +52,8 @@ impl Ggx {
 
     /// Roughness of an isotropic distribution that loses about as much energy to multiple scattering towards `out`
     /// as this distribution does. At normal incidence it follows from the mean of the squared alphas. At other
-    /// angles, slopes along the
-    /// view direction count less and slopes across it more. The formula is fitted to sampled albedos and matches
-    /// them within 6 %.
+    /// angles, slopes along the view direction count less and slopes across it more. The formula is fitted to
+    /// sampled albedos and matches them within 6 %.
     pub fn roughness(&self, out: Vec3) -> f32 {
         let aside = 0.425 * (1.0 - out.z * out.z).max(0.0);
         let x = self.x * self.x * (1.0 + aside - 0.85 * out.x * out.x);
