@@ -75,7 +75,7 @@ impl Receiver {
         let extents =
             each(cx, pieces.len(), |i| Extent::of(pieces[i].iter().map(|triangle| triangle.map(place))))?;
         let none = Extent::of(std::iter::empty());
-        let rule = Subdivision::of(extents.into_iter().fold(none, Extent::with));
+        let mut rule = Subdivision::of(extents.into_iter().fold(none, Extent::with));
         let cut = |rule: &mut Subdivision, triangles: &[[u32; 3]]| {
             let mut cut = Cut { corners: Vec::with_capacity(triangles.len()), colours: Vec::new(), left: 0 };
             for triangle in triangles {
@@ -93,7 +93,7 @@ impl Receiver {
         let cuts = parts.iter().fold(0, |sum: usize, part| sum.saturating_add(rule.room() - part.left));
         if cuts >= rule.room() {
             // The limit on all cuts applies in the order of the triangles.
-            parts = vec![cut(&mut rule.clone(), &mesh.triangles)];
+            parts = vec![cut(&mut rule, &mesh.triangles)];
         }
         let (mut corners, mut colours) = (Vec::new(), Vec::new());
         corners.reserve_exact(parts.iter().map(|part| part.corners.len()).sum());
