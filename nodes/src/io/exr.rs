@@ -244,7 +244,7 @@ impl Opened<'_> {
     pub fn interleaved(&self, names: &[String], progress: Progress<'_>) -> Result<Vec<f32>, Error> {
         let mut starts = vec![None; self.header().channels.list.len()];
         for (start, name) in names.iter().enumerate() {
-            let index = self.header().channels.list.iter().position(|channel| channel.name.eq(&**name));
+            let index = self.header().channels.list.iter().position(|channel| channel.name.eq(name));
             match index.and_then(|index| starts.get_mut(index)) {
                 Some(of_channel) => *of_channel = Some(start),
                 None => return Err(Error::format(self.file, format!("the part has no channel `{name}`"))),

@@ -75,7 +75,7 @@ impl Receiver {
         let extents =
             each(cx, pieces.len(), |i| Extent::of(pieces[i].iter().map(|triangle| triangle.map(place))))?;
         let none = Extent::of(std::iter::empty());
-        let rule = Subdivision::of(extents.into_iter().fold(none, Extent::with));
+        let mut rule = Subdivision::of(extents.into_iter().fold(none, Extent::with));
         let cut = |rule: &mut Subdivision, triangles: &[[u32; 3]]| {
             let mut cut = Cut { corners: Vec::with_capacity(triangles.len()), colours: Vec::new(), left: 0 };
             for triangle in triangles {
@@ -94,7 +94,7 @@ impl Receiver {
         if cuts >= rule.room() {
             // The limit is reached. It applies to the triangles in their order, so they are subdivided one after
             // the other.
-            parts = vec![cut(&mut rule.clone(), &mesh.triangles)];
+            parts = vec![cut(&mut rule, &mesh.triangles)];
         }
         let (mut corners, mut colours) = (Vec::new(), Vec::new());
         corners.reserve_exact(parts.iter().map(|part| part.corners.len()).sum());
