@@ -108,7 +108,7 @@ engine::outputs! {
 
 impl Kind for Compare {
     const NAME: &'static str = "compare";
-    const VERSION: u32 = 7;
+    const VERSION: u32 = 8;
     type Params = Self;
     type In = In;
     type Out = Out;

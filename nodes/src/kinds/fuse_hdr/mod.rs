@@ -119,7 +119,7 @@ struct Fused {
 
 impl Kind for FuseHdr {
     const NAME: &'static str = "fuse-hdr";
-    const VERSION: u32 = 6;
+    const VERSION: u32 = 7;
     type Params = Self;
     type In = In;
     type Out = Out;

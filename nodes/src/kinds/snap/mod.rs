@@ -72,7 +72,7 @@ const STEEPEST: f64 = 0.7;
 
 impl Kind for Snap {
     const NAME: &'static str = "snap";
-    const VERSION: u32 = 4;
+    const VERSION: u32 = 5;
     const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
     const STORE: Keep = Keep::Cheap;
     type Params = Self;
