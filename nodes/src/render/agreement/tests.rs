@@ -99,7 +99,7 @@ fn found(mesh: &Mesh) -> Comparison {
     compared(&splats(), mesh, good_camera())
 }
 
-/// This test fails if `GAIN`, `FOUND` and `SHIFTED` are 0.
+/// This test fails if `PART_DISAGREES` is 2.
 #[test]
 fn what_agrees_raises_no_alarm() {
     let whole = found(&mesh(None));
@@ -131,7 +131,7 @@ fn undone(fault: Similarity) {
     assert_eq!(best.likely, Likely::Mesh, "{fault:?}");
 }
 
-/// This test fails if `factors` lacks the units and `FACTORS` is 3.
+/// This test fails if `FACTORS` is 1.
 #[test]
 fn factors_are_found() {
     for scale in [0.01, 0.1, 0.5, 2.0, 100.0, 0.37] {
@@ -161,6 +161,7 @@ fn shifts_of_half_a_metre_are_found() {
     }
 }
 
+/// Mutation: `FLOATS` of 1.1, seen red.
 #[test]
 fn debris_and_missing_walls_are_found() {
     let mut debris = mesh(None);
