@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use engine::{Context, Keep, Kind, NodeError, Notes, SourceRoot, ViewCount};
 
-use super::load_cameras::{Pick, chosen, count_of};
 use crate::types::Rig;
+use crate::types::pick::{Pick, chosen, count_of};
 
 engine::params! {
     /// Picks cameras of a rig, for example one for each value of an axis over all of them.
