@@ -189,7 +189,7 @@ fn in_a_process(folder: &Path, case: usize, budget: u64) -> Option<u64> {
 }
 
 /// The views of an axis over the cameras of a file are computed in the memory of a few of them, whatever their number:
-/// a view of this size takes 10 MB. Mutation: `view: SplatRender(.., rig: "rig")`, whose views are one value.
+/// a view of this size takes 10 MB.
 #[test]
 fn views_of_an_axis_take_the_memory_of_a_few() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -187,7 +187,7 @@ fn mistakes_of_axes_have_their_place() {
 }
 
 /// The values of `Cameras` are the indices of the cameras of a node, as its files say now; a node that takes its
-/// cameras from another one has as many. Mutation: the number of the first parse kept in `cameras_of`.
+/// cameras from another one has as many.
 #[test]
 fn the_cameras_of_a_node_are_an_axis() {
     let lab = Lab::on_disk();

@@ -671,7 +671,6 @@ mod tests {
     }
 
     /// Data windows within, around and across the display window, read as planes and as pixels of some channels.
-    /// Mutation: `x as i64 + dx` to `x as i64` in `put`; `start +` left out.
     #[test]
     fn a_cropped_data_window_lands_in_its_place() {
         let file = |position: (i32, i32), window: (usize, usize)| {

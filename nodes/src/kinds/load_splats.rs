@@ -257,7 +257,6 @@ mod tests {
     }
 
     /// A scene read without its harmonics has the same splats otherwise, also with a matrix and among several files.
-    /// Mutation: `part.sh.truncate(start + 1)` to `start + 2`, and `stored_degree` left out of `join`.
     #[test]
     fn a_plain_scene_has_all_but_the_harmonics() {
         let mut scene = Splats::empty();

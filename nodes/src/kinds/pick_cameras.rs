@@ -93,7 +93,6 @@ mod tests {
         assert!(picked(&["5..6"]).unwrap_err().contains("picks none of the 5 cameras"));
     }
 
-    /// Mutation: `INSTANT` and `views` for an index as for a range (`Unknown`): seen red.
     #[test]
     fn the_number_of_cameras_is_known_before_a_run_where_it_can_be() {
         let views = |pick: &[&str]| {

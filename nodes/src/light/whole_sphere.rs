@@ -232,7 +232,7 @@ mod tests {
         }
     }
 
-    /// Colours with and without alpha, and grey, give RGB. Mutation: `3 * pixel` to `4 * pixel` in `linear`.
+    /// Colours with and without alpha, and grey, give RGB.
     #[test]
     fn light_is_rgb_whatever_channels_the_picture_has() {
         let of = |channels: usize| {

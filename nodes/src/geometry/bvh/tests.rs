@@ -277,7 +277,7 @@ fn hits_do_not_depend_on_the_tree() {
 }
 
 /// A large tree, which consists of pieces, gives the hits of a tree in one piece, is the same on any threads, and
-/// takes hardly more steps. Mutation: `start` left out of `join`, seen red; `right[at]` for `left` in `halved`.
+/// takes hardly more steps.
 #[test]
 fn a_tree_of_pieces_gives_the_same_hits() {
     // Triangles of mixed sizes, with some that are broken and some at one place.

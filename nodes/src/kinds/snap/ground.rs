@@ -207,8 +207,7 @@ mod tests {
         mesh
     }
 
-    /// The triangles near an object give the same columns as all triangles, and are few. Mutation: `1.001` to `0.5`
-    /// in `widest`, and `half` to `0.9 * half` in `within`: seen red.
+    /// The triangles near an object give the same columns as all triangles, and are few.
     #[test]
     fn triangles_that_no_ray_can_hit_are_left_out() {
         let (mesh, cx, up) = (ground(), context(), DVec3::Z);
