@@ -190,7 +190,7 @@ fn in_a_process(folder: &Path, case: usize, budget: u64) -> Option<u64> {
 }
 
 /// With an axis over the cameras of a file, memory does not grow with the number of views. A view of this size
-/// takes 10 MB. This test fails with `view: SplatRender(.., rig: "rig")`, since all views are then one value.
+/// takes 10 MB.
 #[test]
 fn views_of_an_axis_take_the_memory_of_a_few() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -674,7 +674,7 @@ mod tests {
     }
 
     /// Data windows that equal, cross or miss the display window, or lie within it, are read as planes and as
-    /// pixels of some channels. This test fails if `put` does not add `dx` or `start`.
+    /// pixels of some channels.
     #[test]
     fn a_cropped_data_window_lands_in_its_place() {
         let file = |position: (i32, i32), window: (usize, usize)| {

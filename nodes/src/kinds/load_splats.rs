@@ -265,7 +265,6 @@ mod tests {
     }
 
     /// A scene that is read without its harmonics is otherwise the same, also with a matrix and from several files.
-    /// This test fails if `part.sh.truncate(start + 1)` is replaced by `part.sh.truncate(start + 2)`.
     #[test]
     fn a_plain_scene_has_all_but_the_harmonics() {
         let mut scene = Splats::empty();

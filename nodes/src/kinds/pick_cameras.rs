@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use engine::{Context, Keep, Kind, NodeError, Notes, SourceRoot, ViewCount};
 
-use super::load_cameras::{Pick, chosen, count_of};
 use crate::types::Rig;
+use crate::types::pick::{Pick, chosen, count_of};
 
 engine::params! {
     /// Picks cameras of a rig, for example one camera for each value of an axis.
@@ -94,7 +94,6 @@ mod tests {
         assert!(picked(&["5..6"]).unwrap_err().contains("picks none of the 5 cameras"));
     }
 
-    /// This test fails if `views` returns `Unknown` for an index.
     #[test]
     fn the_number_of_cameras_is_known_before_a_run_where_it_can_be() {
         let views = |pick: &[&str]| {

@@ -234,8 +234,7 @@ mod tests {
         }
     }
 
-    /// Grey pictures and pictures with colours, both with and without alpha, give RGB. This test fails if
-    /// `3 * pixel` is replaced by `4 * pixel` in `linear`.
+    /// Grey pictures and pictures with colours, both with and without alpha, give RGB.
     #[test]
     fn light_is_rgb_whatever_channels_the_picture_has() {
         let of = |channels: usize| {

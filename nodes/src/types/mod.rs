@@ -8,6 +8,7 @@ mod material;
 mod mesh;
 mod object;
 mod panorama;
+pub mod pick;
 mod pose;
 mod report;
 mod rig;

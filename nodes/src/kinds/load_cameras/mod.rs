@@ -5,7 +5,6 @@ mod dataparser;
 mod distortion;
 mod gltf;
 mod json;
-mod pick;
 #[cfg(test)]
 mod tests;
 
@@ -22,11 +21,12 @@ use glam::{DMat3, DMat4, DVec3};
 use crate::error::Error;
 use crate::io::picture;
 use crate::types::frame::Similarity;
+use crate::types::pick::{chosen, count_of, stem};
 use crate::types::{Camera, Rig};
 use dataparser::Dataparser;
 use distortion::{Bend, INVISIBLE_PX};
 
-pub use pick::Pick;
+pub use crate::types::pick::Pick;
 
 engine::choices! {
     /// Treatment of lens distortion, which a pinhole camera cannot represent.
@@ -360,22 +360,6 @@ fn view_names(pictures: &[&str]) -> Vec<String> {
     names
 }
 
-/// The path of a picture without extension.
-fn stem(picture: &str) -> &str {
-    match picture.rsplit_once('.') {
-        Some((stem, ending))
-            if !stem.is_empty()
-                && !stem.ends_with(['/', '\\'])
-                && ending.len() <= 4
-                && !ending.chars().all(|c| c.is_ascii_digit())
-                && !ending.contains(['/', '\\']) =>
-        {
-            stem
-        }
-        _ => picture,
-    }
-}
-
 /// Name of a picture without extension and with the given number of its folders. Characters that a path
 /// cannot contain are replaced.
 fn view_name(picture: &str, folders: usize) -> String {
@@ -384,73 +368,6 @@ fn view_name(picture: &str, folders: usize) -> String {
     let safe = |c: char| if c.is_control() || matches!(c, '{' | '}' | ':') { '_' } else { c };
     let name: String = parts.join("_").chars().map(safe).collect();
     if name.is_empty() || name == ".." { "camera".to_owned() } else { name }
-}
-
-/// Number of chosen cameras if each entry is a single index and no index is repeated; the number does then not
-/// depend on the file. `None` otherwise.
-pub(super) fn count_of(wishes: &[Pick]) -> Option<usize> {
-    let index = |Pick(wish): &Pick| range(wish).filter(|(start, end, _)| start.checked_add(1) == Some(*end));
-    let indices: BTreeSet<usize> = wishes.iter().map(|wish| Some(index(wish)?.0)).collect::<Option<_>>()?;
-    (!wishes.is_empty() && indices.len() == wishes.len()).then_some(wishes.len())
-}
-
-/// Indices of the chosen cameras, each once, in the order of the patterns.
-pub(super) fn chosen(wishes: &[Pick], names: &[String], pictures: &[&str]) -> Result<Vec<usize>, NodeError> {
-    if wishes.is_empty() {
-        return Ok((0..names.len()).collect());
-    }
-    let (mut chosen, mut taken) = (Vec::new(), vec![false; names.len()]);
-    for Pick(wish) in wishes {
-        let found: Vec<usize> = match range(wish) {
-            Some((start, end, step)) => (start..end.min(names.len())).step_by(step).collect(),
-            None => {
-                let fits = |i: &usize| {
-                    [&names[*i], pictures[*i], stem(pictures[*i])].iter().any(|name| matches(wish, name))
-                };
-                (0..names.len()).filter(fits).collect()
-            }
-        };
-        if found.is_empty() {
-            let some = names.iter().take(5).map(String::as_str).collect::<Vec<_>>().join(", ");
-            return Err(NodeError::new(format!("`{wish}` picks none of the {} cameras", names.len()))
-                .hint(format!("the first cameras are {some}")));
-        }
-        chosen.extend(found.into_iter().filter(|index| !std::mem::replace(&mut taken[*index], true)));
-    }
-    Ok(chosen)
-}
-
-/// Parses a range of indices with an optional step: `2..5`, `2..` or `0..400..8`.
-fn range(wish: &str) -> Option<(usize, usize, usize)> {
-    let parts: Vec<&str> = wish.split("..").collect();
-    let (start, end, step) = match parts[..] {
-        [start, end] => (start, end, "1"),
-        [start, end, step] => (start, end, step),
-        _ => return None,
-    };
-    let end = if end.is_empty() { usize::MAX } else { end.parse().ok()? };
-    Some((start.parse().ok()?, end, step.parse().ok().filter(|step| *step > 0)?))
-}
-
-/// True if a name matches a pattern with the wildcards `*` and `?`.
-fn matches(pattern: &str, name: &str) -> bool {
-    let (pattern, name): (Vec<char>, Vec<char>) = (pattern.chars().collect(), name.chars().collect());
-    let (mut p, mut n, mut retry) = (0, 0, None);
-    while n < name.len() {
-        match pattern.get(p) {
-            Some('*') => {
-                retry = Some((p, n));
-                p += 1;
-            }
-            Some(&c) if c == '?' || c == name[n] => (p, n) = (p + 1, n + 1),
-            _ => {
-                let Some((star, from)) = retry else { return false };
-                retry = Some((star, from + 1));
-                (p, n) = (star + 1, from + 1);
-            }
-        }
-    }
-    pattern[p..].iter().all(|c| *c == '*')
 }
 
 /// Checks a camera, and scales it to the requested resolution.

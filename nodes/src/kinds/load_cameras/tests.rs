@@ -1,4 +1,5 @@
 use super::*;
+use crate::types::pick::matches;
 use engine::{Scene, Up};
 
 fn node(path: &str) -> LoadCameras {

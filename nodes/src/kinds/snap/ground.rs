@@ -210,8 +210,7 @@ mod tests {
         mesh
     }
 
-    /// The triangles near an object are few and give the same columns as all triangles. This test fails if `1.001`
-    /// is replaced by `0.5` in `widest`, or `half` by `0.9 * half` in `within`.
+    /// The triangles near an object are few and give the same columns as all triangles.
     #[test]
     fn triangles_that_no_ray_can_hit_are_left_out() {
         let (mesh, cx, up) = (ground(), context(), DVec3::Z);

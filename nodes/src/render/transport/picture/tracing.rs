@@ -160,13 +160,13 @@ impl<'a> Tracing<'a> {
         step: &(dyn Fn() + Send + Sync),
     ) -> Result<(), NodeError> {
         let (cx, camera) = (self.cx, camera_rays.camera);
-        let part = Part { name: "r0", version: 10, inputs: &["receiver", "env"] };
+        let part = Part { name: "r0", version: 11, inputs: &["receiver", "env"] };
         let r0 = cx.part(part, &self.of_receiver(camera, area, range), || {
             let scene = self.scene();
             Sums::trace(cx, area, R0, step, |_, tile| trace_r0(scene, camera_rays, tile, range))
         })?;
         expect_size(&r0, area, R0)?;
-        let part = Part { name: "pair", version: 18, inputs: &["receiver", "objects", "env"] };
+        let part = Part { name: "pair", version: 19, inputs: &["receiver", "objects", "env"] };
         let pair = cx.part(part, &self.of_objects(camera, area, range, self.limit()), || {
             let (scene, crop) = (self.scene(), self.crop().ok());
             let trace = |number: usize, tile: &[(u32, u32)]| {
@@ -182,7 +182,7 @@ impl<'a> Tracing<'a> {
     /// First hits of the pixels of an image.
     fn first_hits(&self, camera_rays: &CameraRays<'_>, area: Area) -> Result<Arc<Sums>, NodeError> {
         let places = self.places();
-        let part = Part { name: "front", version: 10, inputs: &["receiver", "objects"] };
+        let part = Part { name: "front", version: 11, inputs: &["receiver", "objects"] };
         let extra = self.of_objects(camera_rays.camera, area, (0, places), None);
         let front = self.cx.part(part, &extra, || {
             let scene = self.scene();
