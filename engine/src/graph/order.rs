@@ -11,10 +11,11 @@ use petgraph::graph::{DiGraph, NodeIndex};
 use crate::text::diag::{Code, Diagnostic};
 use crate::text::document::RawNode;
 
-/// For each node, the nodes that it reads, each with the place of the wire in the text.
+/// For each node, the indices of the nodes that it reads, each with the byte range of the wire in the text.
 pub(crate) type Wiring = Vec<Vec<(usize, Range<usize>)>>;
 
-/// A topological order, or the cycles.
+/// A topological order of the nodes. If there are cycles, the error contains the strongly connected components that
+/// contain them.
 pub(crate) fn order_of(wiring: &Wiring) -> Result<Vec<usize>, Vec<Vec<usize>>> {
     let wires: usize = wiring.iter().map(Vec::len).sum();
     let mut graph: DiGraph<(), ()> = DiGraph::with_capacity(wiring.len(), wires);

@@ -63,7 +63,7 @@ impl Graph {
     /// refers to, are found during the run.
     ///
     /// # Errors
-    /// All such sinks.
+    /// A diagnostic for each of these sinks.
     pub fn check_outputs(&self, only: &[usize], out: &Path, texts: &[PathBuf]) -> Result<(), Diagnostics> {
         let wanted = if only.is_empty() { self.targets() } else { only.to_vec() };
         let sinks: Vec<(usize, PathBuf)> = wanted

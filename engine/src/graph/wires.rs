@@ -21,7 +21,7 @@ const MOST_SUGGESTIONS: usize = 20;
 /// Maximum number of wires of an input.
 const MOST_WIRES: usize = 1_000_000;
 
-/// A name in a wire, with its place and the scope that resolves it.
+/// A name in a wire, with its byte range and the scope that resolves it.
 pub(crate) struct Named<'t> {
     pub name: Cow<'t, str>,
     pub span: Range<usize>,

@@ -74,7 +74,7 @@ pub struct Context {
     pub(crate) saw_cancel: AtomicBool,
     pub(crate) progress: Box<dyn Fn(f32) + Send + Sync>,
     pub(crate) parts: Option<Box<dyn PartStore>>,
-    /// The threads of the run; `None` for the rayon pool of the caller.
+    /// The threads of the run. If `None`, tiles run on the rayon pool of the caller.
     pub(crate) threads: Option<Arc<Threads>>,
     pub(crate) counts: Mutex<BTreeMap<&'static str, u64>>,
     /// CPU time of the node in nanoseconds, on all threads.
@@ -150,8 +150,8 @@ impl Context {
         self.wired.of(input)
     }
 
-    /// The axis values of the node at the other end of each wire of an input: `[("yaw", "15.0")]`. The kind must
-    /// declare [`ContextField::Points`]. Empty in a detached context.
+    /// For each wire of an input, the axis values of the node that the wire comes from, such as `[("yaw",
+    /// "15.0")]`. The kind must declare [`ContextField::Points`]. Empty in a detached context.
     pub fn points(&self, input: &str) -> &[Point] {
         self.declared(ContextField::Points);
         self.points.iter().find(|(port, _)| *port == input).map_or(&[], |(_, points)| points)
@@ -192,7 +192,7 @@ impl Context {
         self
     }
 
-    /// Returns an error if the run was cancelled; for loops without tiles.
+    /// Returns an error if the run was cancelled. Loops that do not use tiles should call this regularly.
     pub fn check(&self) -> Result<(), NodeError> {
         if self.cancelled() { Err(NodeError::cancelled()) } else { Ok(()) }
     }
@@ -236,7 +236,7 @@ impl Context {
         self.cpu.load(Ordering::Relaxed) as f64 * 1e-9
     }
 
-    /// Adds to a count of work, such as `rays` or `blends`. Counts must be deterministic.
+    /// Adds `n` to the count of work with this name, such as `rays` or `blends`. Counts must be deterministic.
     pub fn count(&self, name: &'static str, n: u64) {
         let mut counts = self.counts.lock().unwrap_or_else(PoisonError::into_inner);
         *counts.entry(name).or_default() += n;
@@ -312,7 +312,7 @@ impl Context {
         Ok(made)
     }
 
-    /// The folder that relative file names start from.
+    /// The root that resolves the names of source files.
     pub fn root(&self) -> &SourceRoot {
         &self.root
     }

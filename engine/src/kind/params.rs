@@ -13,7 +13,7 @@ pub struct ParamSpec {
     pub doc: &'static str,
     /// Description of the values.
     pub describe: fn() -> String,
-    /// Names of the choices, each with its documentation; empty for other types.
+    /// Names of the choices, each with its documentation; empty if the type has no choices.
     pub choices: fn() -> Vec<(&'static str, &'static str)>,
     /// Canonical text of the default; `None` if the parameter is required.
     pub default: fn() -> Option<String>,

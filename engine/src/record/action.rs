@@ -120,7 +120,7 @@ pub(crate) fn sizes<'s>(node: &Node, sources: &[ReadSource], output: impl Fn(Wir
     }
 }
 
-/// The last two keys of the node that has this name in the graph file with this name, newest first.
+/// The last two keys, newest first, of the node with this name in the graph file with this name.
 fn keys_of(store: &Store, graph: &Graph, node: &Node) -> Vec<Digest> {
     let bytes = store.history_get(&history_of(graph), &node.id).unwrap_or_default();
     bytes.as_chunks::<32>().0.iter().map(|key| Digest::from_bytes(*key)).collect()

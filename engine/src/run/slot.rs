@@ -29,7 +29,7 @@ pub(crate) enum Life {
     Running,
     /// Another node with the same key is being computed.
     Following,
-    /// A sink whose files are being written.
+    /// The node is a sink, and its files are being written.
     Placing,
     /// The digests of the outputs are known, and the event was sent.
     Done,
@@ -66,9 +66,9 @@ pub(crate) struct Slot {
     pub waiters: Vec<(usize, Waiter)>,
     /// The stage to which the node returns after it has run again for its values. `None` if it is not to run again.
     pub remaking: Option<Life>,
-    /// True if its values are lost because the rerun failed.
+    /// True if the values of the node are lost because the rerun failed.
     pub lost: bool,
-    /// True if its values are being stored.
+    /// True if the values of the node are being stored.
     pub storing: bool,
     /// Number of messages that threads still have to send for the node.
     pub owed: usize,

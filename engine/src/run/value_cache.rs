@@ -24,7 +24,7 @@ struct Entries {
     held: u64,
     clock: u64,
     values: HashMap<Name, Kept>,
-    /// Names by time of last use, the oldest first.
+    /// Names of the values, sorted by time of last use, the least recent first.
     ages: BTreeMap<u64, Name>,
 }
 
@@ -35,7 +35,7 @@ struct Kept {
 }
 
 impl Output {
-    /// The name of the value in memory.
+    /// The name under which the value of this output is kept in memory.
     pub(crate) fn name(&self) -> Name {
         (self.digest, self.type_name, self.format)
     }

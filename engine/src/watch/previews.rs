@@ -10,7 +10,7 @@ const AT_ONCE: f64 = 0.3;
 /// The ways in which a preview is reduced.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) struct Reduction {
-    /// Limit of the parameter.
+    /// Maximum value of the parameter that the preview limits.
     pub level: u64,
     /// Side length in pixels of the blocks in which only one pixel is computed.
     pub coarse: u64,

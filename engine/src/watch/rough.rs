@@ -7,7 +7,8 @@ use crate::graph::graph::Graph;
 impl Graph {
     /// The graph reduced for a preview. Nodes that have `parameter` use at most `level` for it and, if their kind
     /// supports it, compute one pixel per block of `coarse` by `coarse` pixels. The nodes below them use the
-    /// preview values of their kinds. Also returns the nodes that changed; `None` if no node changed.
+    /// preview values of their kinds. Also returns the indices of the nodes that changed. Returns `None` if no node
+    /// changed.
     pub fn rough(&self, parameter: &str, level: u64, coarse: u64) -> Option<(Self, Vec<usize>)> {
         let mut graph = self.clone();
         let (mut below, mut changed) = (vec![false; self.nodes.len()], Vec::new());

@@ -31,7 +31,7 @@ const POLL: Duration = Duration::from_millis(500);
 /// Interval between inspections even if there are notifications, since network drives send none and systems may
 /// lose them.
 const CHECK: Duration = Duration::from_secs(2);
-/// The result of waiting.
+/// The event that ended a wait.
 enum Next {
     /// Watched files changed, and the graph must run again.
     Changed(Box<Load>),

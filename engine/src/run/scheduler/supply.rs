@@ -55,7 +55,7 @@ impl<'a> Run<'a> {
         self.todo.push_back(Task::Bring(wire));
     }
 
-    /// Loads an output, or reruns its node.
+    /// Loads an output from the store, or reruns its node if the value is not stored.
     pub fn bring(&mut self, wire: Wire) {
         let Wire { node, port } = wire;
         let slot = &mut self.slots[node];

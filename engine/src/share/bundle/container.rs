@@ -44,7 +44,7 @@ pub enum BundleError {
     #[error("the bundle is damaged or incomplete: {0}")]
     Damaged(String),
     /// A name in the bundle is not permitted.
-    #[error("the bundle names a file `{}`: {why}", name.escape_debug())]
+    #[error("the bundle contains the file name `{}`, which is not permitted: {why}", name.escape_debug())]
     Name {
         /// The name.
         name: String,
@@ -54,7 +54,7 @@ pub enum BundleError {
     /// A file cannot be read or written.
     #[error("{what}: {source}")]
     Io {
-        /// The operation, with the path.
+        /// The operation that failed, with the path.
         what: String,
         /// Underlying I/O error.
         source: io::Error,

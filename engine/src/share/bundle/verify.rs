@@ -66,7 +66,7 @@ pub enum Verdict {
 pub struct Verified {
     /// The recomputed nodes, in the order of the graph.
     pub nodes: Vec<(String, Verdict)>,
-    /// Number of nodes that could have been chosen.
+    /// Number of nodes with a known result, from which the recomputed nodes were chosen.
     pub known: usize,
     /// Kinds, source files and results that differ from the lock.
     pub differences: Vec<String>,
