@@ -37,7 +37,7 @@ pub(crate) fn order_of(wiring: &Wiring) -> Result<Vec<usize>, Vec<Vec<usize>>> {
     }
 }
 
-/// Describes one cycle within a strongly connected component, with the place of each wire.
+/// The diagnostic for one cycle within a strongly connected component. It refers to the first wires of the cycle.
 pub(crate) fn describe_cycle(raw: &[RawNode<'_>], wiring: &Wiring, group: &[usize]) -> Diagnostic {
     let members: std::collections::BTreeSet<usize> = group.iter().copied().collect();
     let inside = |node: usize| wiring[node].iter().find(|(above, _)| members.contains(above));

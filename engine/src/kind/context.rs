@@ -197,7 +197,7 @@ impl Context {
         if self.cancelled() { Err(NodeError::cancelled()) } else { Ok(()) }
     }
 
-    /// Reports progress from 0 to 1.
+    /// Reports the progress of the node, from 0 to 1.
     pub fn progress(&self, done: f32) {
         (self.progress)(done.clamp(0.0, 1.0));
     }

@@ -10,7 +10,7 @@ use crate::value::root::{FileHead, SourceFile, SourceRoot};
 /// Memory that a node needs, which determines when the node may start. Zero means a negligible amount.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Cost {
-    /// Peak memory beyond the inputs, in bytes.
+    /// Peak memory in addition to the inputs, in bytes.
     pub bytes: u64,
 }
 
@@ -32,7 +32,7 @@ pub struct Sizes {
 }
 
 impl Sizes {
-    /// Total size of the values of a port; 0 if it is not wired.
+    /// Total size of the values of a port; 0 if the port is not wired.
     pub fn of(&self, port: &str) -> f64 {
         self.ports.iter().find(|(name, _)| *name == port).map_or(0.0, |(_, size)| *size as f64)
     }

@@ -61,7 +61,7 @@ pub struct Planned {
     /// Forecast of the node's time in seconds, from earlier runs of its kind. `None` if there were no such runs or
     /// if the node would not run. Cached parts are not considered, so with them the node takes less time.
     pub forecast: Option<f64>,
-    /// The manifest of its key, if the key is known.
+    /// The manifest of the node's key, if the key is known.
     pub manifest: Option<Manifest>,
 }
 
@@ -138,7 +138,7 @@ impl Engine {
         planned.into_iter().flatten().collect()
     }
 
-    /// The history of a node with the plan `planned`.
+    /// The history of a node. `planned` is the plan of this node.
     pub fn past(&self, graph: &Graph, node: usize, planned: &Planned) -> Past {
         let (store, node) = (self.store(), &graph.nodes[node]);
         let spent = last_run(store, graph, node).map(|(spent, _)| spent);

@@ -4,7 +4,7 @@ use crate::graph::graph::Graph;
 use crate::run::slot::{Life, Slot};
 use crate::value::artifact::AnyArtifact;
 
-/// The memory of a run. Every change of a slot that affects its memory goes through this type.
+/// Memory counters of a run. Every change of a slot that affects memory goes through this type.
 pub(crate) struct Memory {
     limit: u64,
     held: u64,

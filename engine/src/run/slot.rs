@@ -134,7 +134,7 @@ impl Slot {
         self.values.get(port)?.artifact.as_ref()
     }
 
-    /// A value and its size in bytes.
+    /// The value of an output and its size in bytes, if the value is in memory.
     pub fn sized_value(&self, port: usize) -> Option<(&AnyArtifact, u64)> {
         let value = self.values.get(port)?;
         Some((value.artifact.as_ref()?, value.bytes))

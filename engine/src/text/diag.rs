@@ -1,4 +1,4 @@
-//! Diagnostics: the mistakes in a graph file, with their places and advice. All mistakes of a file are reported
+//! Diagnostics: the mistakes in a graph file, with their positions and advice. All mistakes of a file are reported
 //! together.
 
 use std::collections::BTreeSet;
@@ -87,7 +87,7 @@ impl Diagnostic {
         self
     }
 
-    /// Adds a related place.
+    /// Adds a related byte range and the text to show next to it.
     pub fn related(mut self, span: Range<usize>, label: impl Into<String>) -> Self {
         self.related.push((span, label.into()));
         self

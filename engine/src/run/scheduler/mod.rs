@@ -85,7 +85,7 @@ pub(crate) struct Run<'a> {
     /// Number of messages that threads still have to send.
     owed: usize,
     store_failed: bool,
-    /// Nodes whose stored values were missing.
+    /// Indices of the nodes whose stored values were missing.
     gone: BTreeSet<usize>,
     failures: Vec<Diagnostic>,
     totals: Totals,

@@ -154,7 +154,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Keeps the values that a node computed in memory while they may be read.
+    /// Keeps in memory the values that a node computed, as long as they may be read.
     pub fn hold(&mut self, index: usize, values: &[AnyArtifact]) {
         for (port, value) in values.iter().enumerate() {
             self.take_in(index, port, value.clone());
