@@ -2,7 +2,7 @@
 //! the axes that it or its inputs read.
 //!
 //! `Gather(input: "final", over: "frame")` is not a node but a name for many wires: one to each instance of `final`
-//! along the axis. A node that reads a gather therefore does not depend on the axis.
+//! along the axis `frame`. A node that reads this gather therefore does not depend on `frame`.
 
 use std::collections::BTreeMap;
 use std::ops::Range;

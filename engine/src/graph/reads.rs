@@ -11,7 +11,7 @@ use crate::text::diag::{Code, Diagnostic, Diagnostics};
 pub struct ReadFiles(BTreeSet<PathBuf>);
 
 impl ReadFiles {
-    /// A set of these files, whether they exist or not.
+    /// Creates a set of the given files, which need not exist.
     pub fn new(files: impl IntoIterator<Item = PathBuf>) -> Self {
         let (mut places, mut folders) = (BTreeSet::new(), HashMap::new());
         for file in files {

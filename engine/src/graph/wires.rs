@@ -31,7 +31,7 @@ pub(crate) struct Named<'t> {
 /// The node or output that a name refers to.
 pub(crate) struct End<'n> {
     pub node: usize,
-    /// The output, if the name contains one.
+    /// Name of the output, if the wire names one.
     pub output: Option<&'n str>,
 }
 

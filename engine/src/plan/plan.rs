@@ -68,7 +68,7 @@ pub struct Planned {
 /// History of a node, found by the name of the node and the name of its graph file.
 #[derive(Debug, Clone, Default)]
 pub struct Past {
-    /// Time, memory and counts of its last run.
+    /// Time, memory and counts of the node's last run.
     pub spent: Option<Spent>,
     /// Differences between the key of the node and its previous key.
     pub changes: Vec<Change>,
@@ -269,7 +269,7 @@ impl<'a> Outlook<'a> {
         )
     }
 
-    /// Runs an instant node, and the instant nodes that it reads, in memory only.
+    /// Runs an instant node, and the instant nodes that it reads, without storing their results.
     fn find_out(&mut self, index: usize) {
         let mut open = vec![index];
         while let Some(&node) = open.last() {

@@ -19,7 +19,7 @@ pub enum State {
     Cached,
     /// The code failed.
     Failed,
-    /// A node that it depends on failed, or the run was cancelled.
+    /// The code did not run, since a node that this node depends on failed or the run was cancelled.
     Skipped,
 }
 

@@ -63,7 +63,7 @@ impl Memory {
         self.drop_unread(slot);
     }
 
-    /// Drops the values of a node if it has no readers.
+    /// Drops the values of a node if no consumer needs them any more.
     pub fn drop_unread(&mut self, slot: &mut Slot) {
         if slot.is_unread() {
             self.held -= slot.drop_values();

@@ -75,13 +75,13 @@ pub(crate) struct Slot {
     pub degraded: bool,
     /// True if the node, or a node above it, is reduced for a preview.
     pub rough: bool,
-    /// Work of its code, in units of its kind.
+    /// Work of the node's code, in the units of the node's kind.
     pub work: f64,
     /// True if the forecast of the node is below the limit for short nodes; see `queue`.
     pub short: bool,
-    /// Memory reserved for its code, in bytes.
+    /// Memory reserved for the node's code, in bytes.
     pub reserved: u64,
-    /// Estimate of the memory that its code needs, in bytes; `None` before the first estimate.
+    /// Estimate of the memory that the node's code needs, in bytes; `None` before the first estimate.
     pub cost: Option<u64>,
     /// State in which the node ended; reported once its files are up to date.
     pub end: Option<State>,
@@ -180,7 +180,7 @@ impl Slot {
         self.readers == 0 && !self.storing && self.waiters.is_empty() && self.remaking.is_none()
     }
 
-    /// Bytes of its values in memory.
+    /// Total size in bytes of the node's values that are in memory.
     pub fn bytes(&self) -> u64 {
         self.values.iter().map(|value| value.bytes).sum()
     }

@@ -54,7 +54,7 @@ impl Entries {
 }
 
 impl ValueCache {
-    /// A cache of at most `limit` bytes. If `limit` is 0, it keeps nothing.
+    /// A cache of at most `limit` bytes. If `limit` is 0, nothing is kept.
     pub fn new(limit: u64) -> Self {
         Self { limit, ..Self::default() }
     }
@@ -64,7 +64,7 @@ impl ValueCache {
         self.entries.lock().unwrap_or_else(PoisonError::into_inner).held
     }
 
-    /// The value with a name, if it is in the cache.
+    /// The value with the name `name`, if it is in the cache.
     pub fn get(&self, name: &Name) -> Option<AnyArtifact> {
         if self.limit == 0 {
             return None;

@@ -38,7 +38,7 @@ impl Graph {
         (!changed.is_empty()).then_some((graph, changed))
     }
 
-    /// True if a node can compute a subset of its pixels.
+    /// True if a node can be limited to a subset of its pixels.
     pub(crate) fn can_be_coarse(&self, node: usize) -> bool {
         self.nodes[node].kind.preview.coarse.is_some()
     }

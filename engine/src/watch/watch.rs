@@ -146,7 +146,7 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
         }
     }
 
-    /// Runs a graph, after previews if it takes long.
+    /// Runs a graph. If the run is forecast to take long, previews precede it.
     fn show(&mut self, current: &Load, graph: &Graph, only: &[usize]) -> Next {
         self.shown.retain(|_, file| graph.find(&file.id).is_some());
         let plan = self.engine.plan_next(graph, only, &self.options.out);
@@ -174,7 +174,7 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
         self.pass(current, graph, only, Vec::new())
     }
 
-    /// Runs a graph once, until it ends or a newer graph exists.
+    /// Runs a graph once. Returns when the run has ended or a newer graph exists.
     fn pass(&mut self, current: &Load, graph: &Graph, only: &[usize], rough: Vec<usize>) -> Next {
         let cancel = Arc::new(AtomicBool::new(false));
         let options = RunOptions {

@@ -123,7 +123,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Ends a rerun for values, whatever its outcome.
+    /// Ends a rerun that only provides values, whatever its outcome.
     pub fn end_remake(&mut self, index: usize) {
         let slot = &mut self.slots[index];
         if slot.remaking.is_none() {
@@ -134,7 +134,7 @@ impl<'a> Run<'a> {
         self.release_inputs(index);
     }
 
-    /// Handles the result of a rerun for values.
+    /// Handles the result of a rerun that only provides values.
     pub fn remade(&mut self, index: usize, finished: Finished) {
         let digests = |outputs: &[Output]| -> Vec<Digest> { outputs.iter().map(|o| o.digest).collect() };
         let known = self.slots[index].record.as_ref().map(|record| digests(&record.outputs));

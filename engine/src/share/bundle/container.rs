@@ -92,7 +92,7 @@ impl BundleParts {
         digest
     }
 
-    /// Adds a file with these bytes.
+    /// Adds a file with the given name and content.
     pub fn file(&mut self, name: &str, bytes: Vec<u8>) {
         let digest = self.add(bytes);
         self.files.insert(name.to_owned(), digest);
@@ -220,7 +220,7 @@ pub struct Bundle<R> {
 }
 
 impl<R: Read + Seek> Bundle<R> {
-    /// Reads and validates the index.
+    /// Reads and validates the index of a bundle.
     ///
     /// # Errors
     /// If the file is not a bundle, or if its index is invalid.

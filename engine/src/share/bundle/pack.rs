@@ -16,7 +16,7 @@ use crate::text::edit::replace_strings;
 use crate::text::source::folder_of;
 use crate::value::error::NodeError;
 
-/// The nodes whose values are part of a bundle. Digests of all known results are always included.
+/// Selects the nodes whose values become part of a bundle. Digests of all known results are always included.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Results {
     /// No nodes.

@@ -107,7 +107,7 @@ impl<R: Read + Seek> Bundle<R> {
     /// The text of the graph.
     ///
     /// # Errors
-    /// If it is missing or is not text.
+    /// If the graph is missing from the bundle or is not valid UTF-8.
     pub fn graph_text(&mut self) -> Result<String, BundleError> {
         self.text(GRAPH)
     }
@@ -115,7 +115,7 @@ impl<R: Read + Seek> Bundle<R> {
     /// The text of the lock.
     ///
     /// # Errors
-    /// If it is missing or is not text.
+    /// If the lock is missing from the bundle or is not valid UTF-8.
     pub fn lock_text(&mut self) -> Result<String, BundleError> {
         self.text(LOCK)
     }
