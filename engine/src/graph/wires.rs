@@ -224,8 +224,8 @@ const MOST_MAKERS: usize = 2;
 
 impl Check<'_, '_> {
     /// Names the kinds that could convert `given` to `wanted`: their first output is of type `wanted`, and they
-    /// have an input of type `given` but none of type `wanted`. Each is written as a call with its first required
-    /// input.
+    /// have an input of type `given` but none of type `wanted`. Each kind is written as a call with its first
+    /// required input.
     fn makers(&self, given: &str, wanted: &str) -> Option<String> {
         let takes = |kind: &KindEntry, name: &str| kind.inputs.iter().any(|port| port.artifact.name == name);
         let makes = |kind: &&Arc<KindEntry>| {

@@ -247,11 +247,12 @@ impl Context {
         self.counts.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Computes a part of the node's work, or takes it from the cache. Its key consists of the kind, the name and
-    /// version of the part, the content of the named inputs and `extra`, which must contain every parameter and
-    /// number that `value` reads. The counts made by `value` are stored with the part, so that the counts of a node
-    /// cover all of its work even if parts came from the cache. Compute one part at a time. If another node or
-    /// process is computing the part, this returns an error that must be passed on; the node is tried again later.
+    /// Computes a part of the node's work, or takes it from the cache. The key of the part consists of the kind,
+    /// the name and version of the part, the content of the named inputs and `extra`, which must contain every
+    /// parameter and number that `value` reads. The counts made by `value` are stored with the part, so that the
+    /// counts of a node cover all of its work even if parts came from the cache. Compute one part at a time. If
+    /// another node or process is computing the part, this returns an error that must be passed on; the node is
+    /// tried again later.
     pub fn part<A: Artifact>(
         &self,
         part: Part<'_>,
@@ -289,9 +290,9 @@ impl Context {
     }
 
     /// Computes a part that is kept in memory and never stored, or takes it from memory. This is for values that
-    /// are faster to compute than to read, such as a tree of triangles. It serves other nodes with the same inputs
-    /// and, in `watch`, later runs, until it is evicted. If two nodes need it at once, both compute it, so that
-    /// neither waits. `make` must not call [`count`](Self::count).
+    /// are faster to compute than to read, such as a tree of triangles. The value serves other nodes with the same
+    /// inputs and, in `watch`, later runs, until it is evicted. If two nodes need the value at the same time, both
+    /// compute it, so that neither waits. `make` must not call [`count`](Self::count).
     ///
     /// # Errors
     /// If `make` fails, or if `extra` has no canonical form.

@@ -226,8 +226,8 @@ fn bounded(mut text: String) -> String {
 
 /// The name in `known` that is most similar to `found`. The number of edits between the two must be at most a third
 /// of the number of letters in `found`, where this limit is at least 1 and at most 3. An edit inserts, deletes or
-/// replaces a letter, or swaps two adjacent letters. If no name is similar, but exactly one contains `found` as a
-/// word, returns that name (such as `yaw_deg` for `yaw`).
+/// replaces a letter, or swaps two adjacent letters. If no name is similar, but exactly one name contains `found`
+/// as a word, returns that name (such as `yaw_deg` for `yaw`).
 pub fn nearest<'k>(found: &str, known: impl IntoIterator<Item = &'k str>) -> Option<&'k str> {
     // Only the first letters of long names are compared, since the time grows with the square of the length.
     let folded = |text: &str| -> String { text.to_lowercase().chars().take(64).collect() };

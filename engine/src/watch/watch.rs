@@ -65,9 +65,9 @@ impl Watch {
         self.handle.clone()
     }
 
-    /// Watches until [`Handle::quit`] is called. `load` reads the graph at the start and after every change. Its
-    /// argument is true if no source file of a node has changed; a graph with the same text then need not be
-    /// checked again. Returns the files that do not show the current graph.
+    /// Watches until [`Handle::quit`] is called. `load` reads the graph at the start and after every change. The
+    /// argument of `load` is true if no source file of a node has changed; a graph with the same text then need not
+    /// be checked again. Returns the files that do not show the current graph.
     pub fn run(
         self,
         engine: &Engine,

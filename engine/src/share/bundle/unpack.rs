@@ -71,8 +71,8 @@ impl<R: Read + Seek> Bundle<R> {
         Ok(())
     }
 
-    /// Copies records and values into a store, which then trusts them. Only for temporary stores, or if the author
-    /// of the bundle is trusted.
+    /// Copies records and values into a store. Later runs with this store use them without a check. Only for
+    /// temporary stores, or if the author of the bundle is trusted.
     ///
     /// # Errors
     /// If the bundle is invalid or the store cannot be written.
