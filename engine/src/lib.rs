@@ -5,7 +5,7 @@
 //! the nodes that it depends on, directly or through others; the nodes *below* it depend on it.
 //!
 //! - A graph file is RON text. [`Graph::parse`] parses and checks it against the registry and reports all mistakes
-//!   together as [`Diagnostics`], with their places in the text and hints. [`apply`] adds settings (`--set
+//!   together as [`Diagnostics`], with their positions in the text, and hints. [`apply`] adds settings (`--set
 //!   node.field=value`).
 //! - [`Engine::run`] computes the targets of a graph. Each node has a [key](crate#keys). A node whose key is in the
 //!   store does not run again; the others run on several threads within a memory budget. Progress is reported as

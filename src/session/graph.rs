@@ -235,7 +235,7 @@ impl GraphArgs {
             if !other.is_empty() {
                 let (path, other) = (self.graph.display(), other.join("\n"));
                 return Err(Error::usage(format!(
-                    "`{path}` was made from files with other contents:\n{other}"
+                    "the source files differ from those that `{path}` was made from:\n{other}"
                 )));
             }
         }

@@ -1,8 +1,8 @@
-//! Axes: one node in the file becomes several nodes, one for each value of an axis.
+//! Axes. An axis turns one node of the file into several nodes, one for each value of the axis.
 //!
 //! `axes: (yaw: List([0.0, 15.0]))` defines an axis and its values, and a field such as `yaw_deg: Axis("yaw")`
-//! reads it. Each such call in a field is replaced by the text of a value. The fields are read once for each
-//! combination of axis values, which is called a *point*; see `expand`.
+//! reads the axis. Each such call in a field is replaced by the text of a value. The fields are read once for each
+//! combination of axis values. Such a combination is called a *point*; see `expand`.
 
 use std::borrow::Cow;
 use std::collections::BTreeSet;
@@ -23,7 +23,7 @@ pub(crate) struct Axis<'t> {
     pub name: &'t str,
     /// Values as RON.
     pub values: Vec<String>,
-    /// Padding of the values in file names.
+    /// Number of digits to which the values are padded in file names; `None` if they are not padded.
     pub padding: Option<Padding>,
 }
 
@@ -38,13 +38,13 @@ enum Values<'t> {
     /// A list of values.
     #[serde(borrow)]
     List(Vec<&'t RawValue>),
-    /// The indices of the cameras of a node, from 0.
+    /// The indices, from 0, of the cameras that the node with this name outputs.
     Cameras(#[serde(borrow)] Cow<'t, str>),
 }
 
 impl<'t> Axis<'t> {
-    /// Parses an entry of the `axes` block. `cameras_of` returns the number of cameras of the node with the given
-    /// name. It returns `None` if that node has a mistake, which is then reported elsewhere.
+    /// Parses an entry of the `axes` block. `cameras_of` maps the name of a node to the number of its cameras. It
+    /// returns `None` if that node has a mistake that is reported elsewhere.
     pub fn read(
         field: &RawField<'t>,
         cameras_of: impl FnOnce(&str) -> Result<Option<usize>, Diagnostic>,
@@ -69,7 +69,13 @@ impl<'t> Axis<'t> {
                 Some(count) => (0..count.min(MOST_VALUES + 1)).map(|index| index.to_string()).collect(),
                 None => return Ok(Self::broken(field.name)),
             },
-            Err(_) => return Err(wrong(format!("`{}` is not an axis: {}", field.name, shown(field.text)))),
+            Err(_) => {
+                return Err(wrong(format!(
+                    "`{}` is not an axis: its value is `{}`",
+                    field.name,
+                    shown(field.text)
+                )));
+            }
         };
         let values: Vec<String> = values;
         if values.is_empty() || values.len() > MOST_VALUES {
@@ -103,7 +109,7 @@ impl<'t> Axis<'t> {
     }
 }
 
-/// The values of a range as text: whole numbers if start and step are whole.
+/// The values of a range as text. They are written as whole numbers if `from` and `step` are whole.
 fn range(from: f64, to: f64, step: f64) -> Result<Vec<String>, String> {
     if ![from, to, step].iter().all(|number| number.is_finite()) || step == 0.0 {
         return Err("is not a valid range: its numbers must be finite and its step must not be 0".to_owned());
@@ -123,26 +129,26 @@ fn range(from: f64, to: f64, step: f64) -> Result<Vec<String>, String> {
     Ok((0..count as usize).map(text).collect())
 }
 
-/// A call in a field that is replaced by a value.
+/// A call in the text of a field. Each call is replaced by a value.
 #[derive(Deserialize)]
 enum Call<'t> {
-    /// The value of an axis.
+    /// The value of the named axis.
     Axis(#[serde(borrow)] Cow<'t, str>),
-    /// Interpolates between keys in ascending order. Each key is a pair of an axis value and either one number or
-    /// several numbers in parentheses.
+    /// A value that is interpolated from the value of the named axis. The keys are in ascending order of axis
+    /// value. Each key is a pair of an axis value and either one number or several numbers in parentheses.
     Track(Cow<'t, str>, #[serde(borrow)] Vec<(f64, &'t RawValue)>),
 }
 
-/// The names of the calls.
+/// Names of the calls in [`Call`].
 const CALLS: [&str; 2] = ["Axis", "Track"];
 
-/// True if the text of a field reads an axis.
+/// True if the text of a field contains an `Axis` or `Track` call.
 pub(crate) fn reads_axis(text: &str) -> bool {
     !calls(text, &CALLS).is_empty()
 }
 
 /// The indices of the axes that the text of a field reads. Returns an error if one of its calls has a mistake.
-/// `span` is the place of the field.
+/// `span` is the byte range of the field.
 pub(crate) fn axes_read(
     text: &str,
     span: &Range<usize>,

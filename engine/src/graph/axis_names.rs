@@ -43,7 +43,8 @@ fn digits(value: &str) -> Option<(&str, &str)> {
     (!whole.is_empty() && all(whole) && all(fraction)).then_some((whole, fraction))
 }
 
-/// The value of an axis as part of a file name. `width` is the number of digits that the path requests, if any.
+/// The value of an axis as part of a file name. `width` is the number of digits before the decimal point, if the
+/// placeholder in the path gives one.
 pub(crate) fn file_text(value: &str, padding: Option<Padding>, width: Option<usize>) -> String {
     let text = value.trim_matches('"');
     let plain = || plain_name(text.strip_suffix(".0").unwrap_or(text));
@@ -61,8 +62,8 @@ pub(crate) fn file_text(value: &str, padding: Option<Padding>, width: Option<usi
     }
 }
 
-/// The placeholders of an axis in a path, such as `{frame}` or `{frame:4}`. For each: its range in the path, and
-/// the number of digits if the placeholder gives one.
+/// The placeholders of an axis in a path, such as `{frame}` or `{frame:4}`. For each: its byte range in the path,
+/// and its number of digits if it gives one.
 fn holders<'p>(path: &'p str, axis: &str) -> impl Iterator<Item = (Range<usize>, Option<usize>)> + 'p {
     let open = format!("{{{axis}");
     let length = open.len();
@@ -112,8 +113,8 @@ pub(crate) fn is_asked_for(value: &str, asked: &str) -> bool {
     }
 }
 
-/// Removes the value of an axis from the start of `values`, such as `x=1/y=2`, and returns the rest. Returns all of
-/// `values` if the value does not match. A value may contain slashes.
+/// Removes an axis and its value from the start of `values`, and returns the rest: `y=2` for `x=1/y=2` and the axis
+/// `x`. Returns all of `values` if they do not begin with this axis and value. A value may contain slashes.
 pub(crate) fn after_value<'v>(values: &'v str, axis: &str, value: &str) -> &'v str {
     let Some(asked) = values.strip_prefix(axis).and_then(|rest| rest.strip_prefix('=')) else {
         return values;

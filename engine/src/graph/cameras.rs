@@ -10,7 +10,7 @@ use crate::text::document::{Document, RawField, RawNode};
 use crate::text::source::Source;
 use crate::value::root::SourceRoot;
 
-/// Maximum number of nodes that are followed upstream, until the number of cameras of one of them is known.
+/// Maximum number of nodes that are followed upstream in search of a node whose number of cameras is known.
 const MOST_STEPS: usize = 1000;
 
 /// Returns the number of cameras of the node `name`, to which the axis `axis` refers. Returns `None` if that node
@@ -81,7 +81,7 @@ fn node_of<'d, 't>(name: &str, document: &'d Document<'t>) -> Option<&'d RawNode
     find(name).or_else(|| find(name.rsplit_once('.')?.0))
 }
 
-/// Full name, as written in a wire, of the node or output that feeds the first wire of an input.
+/// Full name of the node or output that the first wire of an input comes from, as written in a wire.
 fn above(node: &RawNode<'_>, input: &str, document: &Document<'_>) -> Option<String> {
     let field = node.fields.iter().find(|field| field.name == input)?;
     let named = wire_names(field, &document.scopes).ok()?.into_iter().next()?;

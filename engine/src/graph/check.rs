@@ -27,7 +27,7 @@ use crate::value::root::SourceRoot;
 pub(crate) const SCENE_FIELDS: [&str; 4] = ["up", "metres_per_unit", "seed", "exhaustive"];
 
 impl<'t, 'a> Check<'t, 'a> {
-    /// Checks everything except the nodes.
+    /// Checks all parts of the file except the nodes. Returns the scene if it is valid.
     pub fn document(&mut self, document: &'a Document<'t>) -> Option<Scene> {
         let whole = 0..self.text.len().min(1);
         let versions = document.others.iter().filter_map(|(version, _)| version.as_ref());
@@ -78,7 +78,7 @@ impl<'t, 'a> Check<'t, 'a> {
         self.scene(scene)
     }
 
-    /// Checks a `scene` block.
+    /// Checks a `scene` block. Returns the scene if it is valid.
     fn scene(&mut self, RawScene { span, fields }: &RawScene<'t>) -> Option<Scene> {
         let before = self.diagnostics.len();
         for field in fields {
@@ -246,9 +246,9 @@ impl<'t, 'a> Check<'t, 'a> {
         (self.mistakes() == before).then_some(Template { node, raw, fields, own, gathers })
     }
 
-    /// Adds related places to the mistakes found since there were `before` of them. A mistake inside a subgraph
-    /// gets the place where the subgraph is used; a mistake in a value given to the subgraph gets the place where
-    /// the value is read.
+    /// Adds a related place to each mistake in `diagnostics` from index `before` on. For a mistake inside a
+    /// subgraph, this is the place where the subgraph is used. For a mistake in a value given to the subgraph, it
+    /// is the place where the value is read.
     fn add_use(&mut self, node: &RawNode<'t>, before: usize) {
         let scope = &self.scopes[node.scope];
         let Some((used, _)) = &scope.used else { return };

@@ -20,7 +20,7 @@ use crate::value::root::InputFile;
 
 impl<'t, 'a> Check<'t, 'a> {
     /// Checks the parameters of a single node in a graph without axes. Returns its parameters, its output path and
-    /// the places of its fields. Wires are not checked.
+    /// the byte ranges of its fields. Wires are not checked.
     pub fn alone(
         &mut self,
         raw: &RawNode<'t>,
@@ -105,8 +105,8 @@ impl<'t, 'a> Check<'t, 'a> {
         Some((step, sink_path))
     }
 
-    /// Checks that a source file exists and is not a folder, unless the kind reads folders. If the file is missing,
-    /// `supplied` is taken as a hint on where to download it.
+    /// Checks that a source file exists. It must not be a folder unless the kind reads folders. If the file is
+    /// missing, the download hint in `supplied` is removed and added to the mistake, so that it is given only once.
     fn source(&mut self, kind: &KindEntry, field: &Field<'_>, path: String, supplied: &mut Option<&str>) {
         let file = self.root.file(&InputFile(path.clone()));
         let place = field.span.clone();
@@ -156,8 +156,8 @@ impl<'t, 'a> Check<'t, 'a> {
     }
 }
 
-/// The places of the fields of a node. If a field is a single `Param` call, its place is the place of the
-/// parameter's value.
+/// The byte ranges of the fields of a node. If the text of a field is a single `Param` call, its byte range is that
+/// of the value of the parameter.
 pub(crate) fn places(raw: &RawNode<'_>, kind: &KindEntry, fields: &[Field<'_>]) -> FieldPlaces {
     let place = |name: &'static str| {
         let param = fields.iter().find(|field| field.name == name).map(|field| field.span.clone());
@@ -168,7 +168,8 @@ pub(crate) fn places(raw: &RawNode<'_>, kind: &KindEntry, fields: &[Field<'_>]) 
     names.filter_map(place).collect()
 }
 
-/// Checks that the path of a sink stays within the output folder.
+/// Checks that the path of a sink names a file inside the output folder and contains only known placeholders. The
+/// error is the reason why the path is not permitted.
 fn check_sink_path(path: &str, axes: &[Axis<'_>]) -> Result<(), &'static str> {
     use std::path::Component;
     if path.is_empty() || path.ends_with('/') {

@@ -30,12 +30,12 @@ pub(crate) struct Check<'t, 'a> {
     /// The axes of the graph.
     pub axes: Arc<[Axis<'t>]>,
     pub gathers: HashMap<usize, Gather>,
-    /// Number of wires to missing nodes found so far.
+    /// Number of wires, among those checked so far, that refer to nodes that do not exist.
     pub missing_nodes: usize,
 }
 
 impl<'t, 'a> Check<'t, 'a> {
-    /// A check that adds mistakes to `diagnostics`.
+    /// Creates a check that adds mistakes to `diagnostics`.
     pub fn new(
         source: &'t Source,
         registry: &'a Registry,
@@ -80,7 +80,7 @@ impl<'t, 'a> Check<'t, 'a> {
 pub(crate) struct Field<'t> {
     pub name: &'t str,
     pub text: Cow<'t, str>,
-    /// Place of the field or, if the field is a single `Param` call, of the value.
+    /// Byte range of the field or, if the field is a single `Param` call, of the value of the parameter.
     pub span: Range<usize>,
 }
 

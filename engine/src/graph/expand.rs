@@ -2,7 +2,7 @@
 //! the axes that it or its inputs read.
 //!
 //! `Gather(input: "final", over: "frame")` is not a node but a name for many wires: one to each instance of `final`
-//! along the axis. A node that reads a gather therefore does not depend on the axis.
+//! along the axis `frame`. A node that reads this gather therefore does not depend on `frame`.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -67,7 +67,7 @@ fn value_at(point: &[(usize, usize)], axis: usize) -> usize {
 }
 
 impl Source {
-    /// The `input` of the `Gather` with this name; `None` if it does not exist.
+    /// Value of the `input` field of the `Gather` with this name; `None` if there is no such `Gather`.
     pub fn gathered(&self, name: &str) -> Option<String> {
         let document = parse_all(self, &SourceRoot::new(""), &mut Vec::new());
         let gather = document.nodes.iter().find(|node| node.kind == GATHER && node.id == name)?;
@@ -77,7 +77,7 @@ impl Source {
 }
 
 impl<'t> Check<'t, '_> {
-    /// Checks a `Gather`.
+    /// Checks a `Gather`. Returns `None` if it has a mistake.
     pub fn gather(&mut self, raw: &RawNode<'t>, all: &[RawNode<'t>]) -> Option<Gather> {
         let before = self.mistakes();
         for field in raw.fields.iter().filter(|field| !["input", "over"].contains(&field.name)) {

@@ -27,7 +27,7 @@ pub struct Graph {
     pub root: SourceRoot,
     /// True if the graph is a single file without axes, gathers and subgraphs.
     pub(crate) plain: bool,
-    /// Offset of each node in the text.
+    /// Byte offset of each node in the text.
     starts: Vec<usize>,
     links: Arc<Links>,
 }
@@ -89,7 +89,7 @@ impl FromIterator<Vec<usize>> for Lists {
 }
 
 impl Graph {
-    /// A graph from checked parts.
+    /// Creates a graph from checked parts.
     pub(crate) fn assemble(source: Source, root: SourceRoot, parts: Parts) -> Self {
         let Parts { scene, nodes, order, plain } = parts;
         let above = |node: &Arc<Node>| {
@@ -104,22 +104,24 @@ impl Graph {
         Self { source, scene, nodes, root, plain, starts, links: Arc::new(Links { order, reads, consumers }) }
     }
 
-    /// Offset of a node in the text.
+    /// Byte offset of a node in the text.
     pub(crate) fn start(&self, node: usize) -> usize {
         self.starts[node]
     }
 
-    /// Number of nodes that begin before an offset in the text. The graph must be [`plain`](Self::plain).
+    /// Number of nodes that begin before the byte offset `place` in the text. The graph must be
+    /// [`plain`](Self::plain).
     pub(crate) fn begun_before(&self, place: usize) -> usize {
         self.starts.partition_point(|start| *start < place)
     }
 
-    /// Replaces the offset of each node from index `first` on with `moved(offset)`.
+    /// Replaces the byte offset of each node with an index of at least `first` with `moved(offset)`.
     pub(crate) fn move_starts(&mut self, first: usize, moved: &impl Fn(usize) -> usize) {
         self.starts[first..].iter_mut().for_each(|start| *start = moved(*start));
     }
 
-    /// The place of a field of a node, or of the whole node.
+    /// Byte range of a field of a node in the text of the graph. The range of the whole node if `field` is `None`
+    /// or the node does not set the field.
     pub fn place(&self, node: usize, field: Option<&str>) -> Range<usize> {
         let (start, node) = (self.starts[node], &self.nodes[node]);
         let place = node.place(field);
@@ -263,7 +265,8 @@ impl Graph {
             && self.nodes.iter().zip(&other.nodes).all(alike)
     }
 
-    /// The value of a parameter, if it is a whole number.
+    /// The value of a parameter of a node. `None` if the value is not a whole number, or if the node has no such
+    /// parameter.
     pub fn number(&self, node: usize, parameter: &str) -> Option<u64> {
         if !self.nodes[node].kind.params.iter().any(|param| param.name == parameter) {
             return None;
@@ -272,8 +275,9 @@ impl Graph {
         values.iter().find(|(name, _)| *name == parameter)?.1.parse().ok()
     }
 
-    /// The nodes that a name refers to: one node, all nodes of a subgraph, or all instances of a node along axes.
-    /// If the name contains axis values, only the instances with these values: `shot/y=2` matches `shot/x=1/y=2`.
+    /// Indices of the nodes that a name refers to: one node, all nodes of a subgraph, or all instances of a node
+    /// along axes. If the name contains axis values, only the instances with these values: `shot/y=2` matches
+    /// `shot/x=1/y=2`.
     pub fn find_all(&self, id: &str) -> Vec<usize> {
         let (name, values) = id.split_once('/').map_or((id, None), |(name, values)| (name, Some(values)));
         let is = |node: &Arc<Node>| {
@@ -287,12 +291,13 @@ impl Graph {
         (0..self.nodes.len()).filter(|&index| is(&self.nodes[index])).collect()
     }
 
-    /// Index of the node with a name.
+    /// Index of the node with the name `id`.
     pub fn find(&self, id: &str) -> Option<usize> {
         self.nodes.iter().position(|node| node.id == id)
     }
 
-    /// The default targets of a run: the sinks, or all nodes that nothing reads if the graph has no sinks.
+    /// Indices of the default targets of a run. These are the sinks or, if the graph has no sinks, the nodes whose
+    /// outputs are not read by any node.
     pub fn targets(&self) -> Vec<usize> {
         let all = 0..self.nodes.len();
         let sinks: Vec<usize> = all.clone().filter(|&n| self.nodes[n].sink_path.is_some()).collect();
@@ -305,7 +310,7 @@ impl Graph {
         self.above(&if only.is_empty() { self.targets() } else { only.to_vec() })
     }
 
-    /// For each node, true if it is one of the targets or above one.
+    /// For each node, true if it is one of the targets or above one of them.
     pub fn above(&self, targets: &[usize]) -> Vec<bool> {
         let mut wanted = vec![false; self.nodes.len()];
         for &target in targets {
@@ -327,8 +332,8 @@ fn segment((axis, value): &(String, String)) -> String {
     format!("/{axis}={}", value.trim_matches('"'))
 }
 
-/// True if `values`, such as `x=1/y=2`, is a subsequence of the axis values of a node. In `values`, `x=1..3`
-/// matches every value in the range.
+/// True if `values`, such as `x=1/y=2`, is a subsequence of `point`, the axis values of a node. In `values`,
+/// `x=1..3` matches every value in the range.
 fn stands_at(point: &[(String, String)], values: &str) -> bool {
     let mut left = values;
     for (axis, value) in point {

@@ -33,7 +33,8 @@ pub struct GraphKnob {
     pub varies: bool,
 }
 
-/// The name in the file of the node `id`. If the node is an instance, its axis values are removed from `id`.
+/// The name that the node `id` has in the graph file. If the node is an instance, its axis values are removed from
+/// `id`.
 fn name_in_file(id: &str, instance: bool) -> &str {
     if instance { id.split('/').next().unwrap_or(id) } else { id }
 }

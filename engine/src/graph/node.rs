@@ -24,7 +24,7 @@ pub struct Wire {
     pub port: usize,
 }
 
-/// The places of fields, by name.
+/// Names and byte ranges of the fields of a node.
 pub(crate) type FieldPlaces = Vec<(&'static str, Range<usize>)>;
 
 /// A checked node.
@@ -41,7 +41,8 @@ pub struct Node {
     /// The values of the axes that the node or its inputs read, such as `("yaw", "15.0")`, in the order of the
     /// axes.
     pub point: Point,
-    /// Place in the text that the node was parsed from. [`Graph::place`](crate::Graph) returns the current place.
+    /// Byte range of the node in the text from which it was parsed. [`Graph::place`](crate::Graph) returns its
+    /// current byte range.
     pub(crate) span: Range<usize>,
     pub(crate) places: FieldPlaces,
     pub(crate) step: Arc<dyn Step>,
@@ -59,12 +60,13 @@ fn read<T>(
 }
 
 impl Node {
-    /// The place of a field, or of the whole node, in the text that the node was parsed from.
+    /// Byte range of a field in the text from which the node was parsed. The range of the whole node if `field` is
+    /// `None` or the node does not set the field.
     pub(crate) fn place(&self, field: Option<&str>) -> Range<usize> {
         field.and_then(|name| self.field_place(name)).unwrap_or(self.span.clone())
     }
 
-    /// The place of a field; `None` if the node does not set the field.
+    /// Byte range of a field; `None` if the node does not set the field.
     pub(crate) fn field_place(&self, field: &str) -> Option<Range<usize>> {
         self.places.iter().find(|(name, _)| *name == field).map(|(_, place)| place.clone())
     }
@@ -138,7 +140,7 @@ impl Node {
 }
 
 impl KindEntry {
-    /// Reads the output of [`Node::texts`]; `None` if this kind rejects it.
+    /// Reads parameters from the output of [`Node::texts`]; `None` if this kind rejects them.
     pub(crate) fn step_of(&self, texts: &[u8]) -> Option<Arc<dyn Step>> {
         let mut from = Decoder::new(texts);
         let mut fields = Vec::new();

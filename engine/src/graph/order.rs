@@ -11,10 +11,11 @@ use petgraph::graph::{DiGraph, NodeIndex};
 use crate::text::diag::{Code, Diagnostic};
 use crate::text::document::RawNode;
 
-/// For each node, the nodes that it reads, each with the place of the wire in the text.
+/// For each node, the indices of the nodes that it reads, each with the byte range of the wire in the text.
 pub(crate) type Wiring = Vec<Vec<(usize, Range<usize>)>>;
 
-/// A topological order, or the cycles.
+/// A topological order of the nodes. If there are cycles, the error contains the strongly connected components that
+/// contain them.
 pub(crate) fn order_of(wiring: &Wiring) -> Result<Vec<usize>, Vec<Vec<usize>>> {
     let wires: usize = wiring.iter().map(Vec::len).sum();
     let mut graph: DiGraph<(), ()> = DiGraph::with_capacity(wiring.len(), wires);
@@ -36,7 +37,7 @@ pub(crate) fn order_of(wiring: &Wiring) -> Result<Vec<usize>, Vec<Vec<usize>>> {
     }
 }
 
-/// Describes one cycle within a strongly connected component, with the place of each wire.
+/// The diagnostic for one cycle within a strongly connected component. It refers to the first wires of the cycle.
 pub(crate) fn describe_cycle(raw: &[RawNode<'_>], wiring: &Wiring, group: &[usize]) -> Diagnostic {
     let members: std::collections::BTreeSet<usize> = group.iter().copied().collect();
     let inside = |node: usize| wiring[node].iter().find(|(above, _)| members.contains(above));

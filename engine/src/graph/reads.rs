@@ -11,7 +11,7 @@ use crate::text::diag::{Code, Diagnostic, Diagnostics};
 pub struct ReadFiles(BTreeSet<PathBuf>);
 
 impl ReadFiles {
-    /// A set of these files, whether they exist or not.
+    /// Creates a set of the given files, which need not exist.
     pub fn new(files: impl IntoIterator<Item = PathBuf>) -> Self {
         let (mut places, mut folders) = (BTreeSet::new(), HashMap::new());
         for file in files {
@@ -63,7 +63,7 @@ impl Graph {
     /// refers to, are found during the run.
     ///
     /// # Errors
-    /// All such sinks.
+    /// A diagnostic for each of these sinks.
     pub fn check_outputs(&self, only: &[usize], out: &Path, texts: &[PathBuf]) -> Result<(), Diagnostics> {
         let wanted = if only.is_empty() { self.targets() } else { only.to_vec() };
         let sinks: Vec<(usize, PathBuf)> = wanted

@@ -21,7 +21,7 @@ const MOST_SUGGESTIONS: usize = 20;
 /// Maximum number of wires of an input.
 const MOST_WIRES: usize = 1_000_000;
 
-/// A name in a wire, with its place and the scope that resolves it.
+/// A name in a wire, with its byte range and the scope that resolves it.
 pub(crate) struct Named<'t> {
     pub name: Cow<'t, str>,
     pub span: Range<usize>,
@@ -31,7 +31,7 @@ pub(crate) struct Named<'t> {
 /// The node or output that a name refers to.
 pub(crate) struct End<'n> {
     pub node: usize,
-    /// The output, if the name contains one.
+    /// Name of the output, if the wire names one.
     pub output: Option<&'n str>,
 }
 
@@ -224,8 +224,8 @@ const MOST_MAKERS: usize = 2;
 
 impl Check<'_, '_> {
     /// Names the kinds that could convert `given` to `wanted`: their first output is of type `wanted`, and they
-    /// have an input of type `given` but none of type `wanted`. Each is written as a call with its first required
-    /// input.
+    /// have an input of type `given` but none of type `wanted`. Each kind is written as a call with its first
+    /// required input.
     fn makers(&self, given: &str, wanted: &str) -> Option<String> {
         let takes = |kind: &KindEntry, name: &str| kind.inputs.iter().any(|port| port.artifact.name == name);
         let makes = |kind: &&Arc<KindEntry>| {

@@ -74,7 +74,7 @@ pub struct Context {
     pub(crate) saw_cancel: AtomicBool,
     pub(crate) progress: Box<dyn Fn(f32) + Send + Sync>,
     pub(crate) parts: Option<Box<dyn PartStore>>,
-    /// The threads of the run; `None` for the rayon pool of the caller.
+    /// The threads of the run. If `None`, tiles run on the rayon pool of the caller.
     pub(crate) threads: Option<Arc<Threads>>,
     pub(crate) counts: Mutex<BTreeMap<&'static str, u64>>,
     /// CPU time of the node in nanoseconds, on all threads.
@@ -150,8 +150,8 @@ impl Context {
         self.wired.of(input)
     }
 
-    /// The axis values of the node at the other end of each wire of an input: `[("yaw", "15.0")]`. The kind must
-    /// declare [`ContextField::Points`]. Empty in a detached context.
+    /// For each wire of an input, the axis values of the node that the wire comes from, such as `[("yaw",
+    /// "15.0")]`. The kind must declare [`ContextField::Points`]. Empty in a detached context.
     pub fn points(&self, input: &str) -> &[Point] {
         self.declared(ContextField::Points);
         self.points.iter().find(|(port, _)| *port == input).map_or(&[], |(_, points)| points)
@@ -192,12 +192,12 @@ impl Context {
         self
     }
 
-    /// Returns an error if the run was cancelled; for loops without tiles.
+    /// Returns an error if the run was cancelled. Loops that do not use tiles should call this regularly.
     pub fn check(&self) -> Result<(), NodeError> {
         if self.cancelled() { Err(NodeError::cancelled()) } else { Ok(()) }
     }
 
-    /// Reports progress from 0 to 1.
+    /// Reports the progress of the node, from 0 to 1.
     pub fn progress(&self, done: f32) {
         (self.progress)(done.clamp(0.0, 1.0));
     }
@@ -236,7 +236,7 @@ impl Context {
         self.cpu.load(Ordering::Relaxed) as f64 * 1e-9
     }
 
-    /// Adds to a count of work, such as `rays` or `blends`. Counts must be deterministic.
+    /// Adds `n` to the count of work with this name, such as `rays` or `blends`. Counts must be deterministic.
     pub fn count(&self, name: &'static str, n: u64) {
         let mut counts = self.counts.lock().unwrap_or_else(PoisonError::into_inner);
         *counts.entry(name).or_default() += n;
@@ -247,11 +247,12 @@ impl Context {
         self.counts.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Computes a part of the node's work, or takes it from the cache. Its key consists of the kind, the name and
-    /// version of the part, the content of the named inputs and `extra`, which must contain every parameter and
-    /// number that `value` reads. The counts made by `value` are stored with the part, so that the counts of a node
-    /// cover all of its work even if parts came from the cache. Compute one part at a time. If another node or
-    /// process is computing the part, this returns an error that must be passed on; the node is tried again later.
+    /// Computes a part of the node's work, or takes it from the cache. The key of the part consists of the kind,
+    /// the name and version of the part, the content of the named inputs and `extra`, which must contain every
+    /// parameter and number that `value` reads. The counts made by `value` are stored with the part, so that the
+    /// counts of a node cover all of its work even if parts came from the cache. Compute one part at a time. If
+    /// another node or process is computing the part, this returns an error that must be passed on; the node is
+    /// tried again later.
     pub fn part<A: Artifact>(
         &self,
         part: Part<'_>,
@@ -289,9 +290,9 @@ impl Context {
     }
 
     /// Computes a part that is kept in memory and never stored, or takes it from memory. This is for values that
-    /// are faster to compute than to read, such as a tree of triangles. It serves other nodes with the same inputs
-    /// and, in `watch`, later runs, until it is evicted. If two nodes need it at once, both compute it, so that
-    /// neither waits. `make` must not call [`count`](Self::count).
+    /// are faster to compute than to read, such as a tree of triangles. The value serves other nodes with the same
+    /// inputs and, in `watch`, later runs, until it is evicted. If two nodes need the value at the same time, both
+    /// compute it, so that neither waits. `make` must not call [`count`](Self::count).
     ///
     /// # Errors
     /// If `make` fails, or if `extra` has no canonical form.
@@ -312,7 +313,7 @@ impl Context {
         Ok(made)
     }
 
-    /// The folder that relative file names start from.
+    /// The root that resolves the names of source files.
     pub fn root(&self) -> &SourceRoot {
         &self.root
     }

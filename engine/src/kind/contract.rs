@@ -10,7 +10,7 @@ use crate::value::root::{FileHead, SourceFile, SourceRoot};
 /// Memory that a node needs, which determines when the node may start. Zero means a negligible amount.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Cost {
-    /// Peak memory beyond the inputs, in bytes.
+    /// Peak memory in addition to the inputs, in bytes.
     pub bytes: u64,
 }
 
@@ -32,7 +32,7 @@ pub struct Sizes {
 }
 
 impl Sizes {
-    /// Total size of the values of a port; 0 if it is not wired.
+    /// Total size of the values of a port; 0 if the port is not wired.
     pub fn of(&self, port: &str) -> f64 {
         self.ports.iter().find(|(name, _)| *name == port).map_or(0.0, |(_, size)| *size as f64)
     }
@@ -65,8 +65,8 @@ pub struct Former {
 }
 
 impl Former {
-    /// Names, for the user, what replaces removed parameters that forced optional work, which never changes the
-    /// output: the option `--exhaustive`, which forces all such work in a run.
+    /// Describes removed parameters that forced optional work, which never changes the output. The advice names the
+    /// option `--exhaustive`, which forces all such work in a run.
     pub fn exhaustive(fields: &'static [&'static str], last: u32) -> Self {
         let instead = "remove it; `--exhaustive` forces all such work in a run".to_owned();
         Self { fields, last, instead }
@@ -140,7 +140,7 @@ pub trait Kind: 'static {
     /// Outputs, declared with [`outputs!`](crate::outputs).
     type Out: Outputs;
 
-    /// Estimates the memory of a run. Called with the actual inputs, before `run`.
+    /// Estimates the memory that `run` needs. Called with the actual inputs, before `run`.
     fn estimate(_params: &Self::Params, _inputs: &Self::In) -> Cost {
         Cost::default()
     }
@@ -162,8 +162,8 @@ pub trait Kind: 'static {
         Ok(Vec::new())
     }
 
-    /// What replaces the field `name`, if a former version of the kind had a parameter of this name. `fields`
-    /// contains the names and texts of all fields of the node.
+    /// Describes what replaces the field `name`. Returns `None` unless a former version of the kind had a parameter
+    /// with this name. `fields` contains the names and texts of all fields of the node.
     fn former(_name: &str, _fields: &[(&str, &str)]) -> Option<Former> {
         None
     }
@@ -178,7 +178,7 @@ pub trait Kind: 'static {
         Ok(())
     }
 
-    /// The number of views in the outputs, if known before anything runs. A sink of more than one view needs
+    /// The number of views in the outputs, if it is known before anything runs. A sink of more than one view needs
     /// `{view}` in its path.
     fn views(_params: &Self::Params, _root: &SourceRoot) -> ViewCount {
         ViewCount::Unknown

@@ -1,4 +1,4 @@
-//! The contract with crates of kinds: declarations of kinds, and the services available to their code.
+//! The interface for crates that define kinds: declarations of kinds, and the services available to their code.
 
 pub(crate) mod context;
 pub(crate) mod contract;

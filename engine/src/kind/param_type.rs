@@ -11,7 +11,7 @@ pub trait ParamType:
 {
     /// Description of the values, such as `number` or `Hard | Ramp`.
     fn describe() -> String;
-    /// Names of the choices, each with its documentation; empty for other types.
+    /// Names of the choices, each with its documentation; empty if the type has no choices.
     fn choices() -> Vec<(&'static str, &'static str)> {
         Vec::new()
     }

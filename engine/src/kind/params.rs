@@ -13,11 +13,11 @@ pub struct ParamSpec {
     pub doc: &'static str,
     /// Description of the values.
     pub describe: fn() -> String,
-    /// Names of the choices, each with its documentation; empty for other types.
+    /// Names of the choices, each with its documentation; empty if the type has no choices.
     pub choices: fn() -> Vec<(&'static str, &'static str)>,
     /// Canonical text of the default; `None` if the parameter is required.
     pub default: fn() -> Option<String>,
-    /// Closed range of every number in the value.
+    /// Closed interval in which every number in the value must lie; `None` if there is no limit.
     pub range: Option<(f64, f64)>,
     /// Unit, or an empty string.
     pub unit: &'static str,

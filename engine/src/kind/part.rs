@@ -6,7 +6,7 @@ use crate::value::artifact::AnyArtifact;
 use crate::value::counts::Effort;
 use crate::value::error::NodeError;
 
-/// The identity of a part of a node's work: an action with its own key.
+/// The identity of a part of a node's work. Each part has its own key.
 #[derive(Debug, Clone, Copy)]
 pub struct Part<'a> {
     /// Name in events, such as `r0`.

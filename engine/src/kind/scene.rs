@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::kind::param_type::ParamType;
 
-/// The axis of the world that points up. Worlds are right-handed. Written `"+y"`, `"-y"` or `"+z"`.
+/// The world axis that points up. World coordinates are right-handed. Written `"+y"`, `"-y"` or `"+z"`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum Up {

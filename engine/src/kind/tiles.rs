@@ -22,7 +22,7 @@ pub(crate) struct Threads {
     helpers: OnceLock<rayon::ThreadPool>,
 }
 
-/// Counts a thread as busy until it is dropped.
+/// Guard that counts a thread as busy until the guard is dropped.
 struct Busy<'t>(&'t AtomicUsize);
 
 impl Drop for Busy<'_> {
@@ -32,14 +32,14 @@ impl Drop for Busy<'_> {
 }
 
 impl Threads {
-    /// A set of threads of which at most `limit` compute at once. This number may be exceeded for the time of one
-    /// tile.
+    /// Creates a set of threads of which at most `limit` compute at the same time. This number may be exceeded for
+    /// the time of one tile.
     pub fn new(limit: usize) -> Self {
         Self { limit: limit.max(1), busy: AtomicUsize::new(0), helpers: OnceLock::new() }
     }
 
-    /// Runs code at once, even if the limit is reached. Meanwhile the calling thread counts as busy, so that a
-    /// helper stops after its current tile.
+    /// Runs `code` immediately, even if the limit is reached. Meanwhile the calling thread counts as busy, so that
+    /// a helper stops after its current tile.
     pub fn occupied<T>(&self, code: impl FnOnce() -> T) -> T {
         self.busy.fetch_add(1, Ordering::Relaxed);
         let _busy = Busy(&self.busy);
@@ -50,7 +50,8 @@ impl Threads {
         self.busy.load(Ordering::Relaxed) < self.limit
     }
 
-    /// Counts the calling thread as busy until the result is dropped. `None` if the limit is reached.
+    /// Counts the calling thread as busy until the returned guard is dropped. Returns `None` if the limit is
+    /// reached.
     fn join(&self) -> Option<Busy<'_>> {
         let free = |busy| (busy < self.limit).then_some(busy + 1);
         self.busy.fetch_update(Ordering::Relaxed, Ordering::Relaxed, free).ok().map(|_| Busy(&self.busy))
@@ -66,7 +67,7 @@ impl Threads {
         }
         let builder = rayon::ThreadPoolBuilder::new().num_threads(self.limit - 1);
         let pool = builder.thread_name(|index| format!("tiles-{index}")).build().map_err(|error| {
-            NodeError::new(format!("cannot start {} threads: {error}", self.limit - 1))
+            NodeError::new(format!("cannot start the threads of the run: {error}"))
                 .hint("use fewer threads with `--jobs`")
         })?;
         Ok(Some(self.helpers.get_or_init(|| pool)))

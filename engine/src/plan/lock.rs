@@ -33,7 +33,7 @@ pub struct Lock {
 #[derive(Debug, thiserror::Error)]
 pub enum LockError {
     /// The text does not parse.
-    #[error("{name}: not a lock: {why}")]
+    #[error("`{name}` is not a valid lock: {why}")]
     Form {
         /// Name of the file.
         name: String,
@@ -41,7 +41,7 @@ pub enum LockError {
         why: String,
     },
     /// The format of the lock is not the format that this version of lightharmony reads.
-    #[error("{name}: the lock has format {format}, but this version of lightharmony reads format {FORMAT}")]
+    #[error("`{name}` is a lock of format {format}, but this version of lightharmony reads format {FORMAT}")]
     Format {
         /// Name of the file.
         name: String,
@@ -105,7 +105,8 @@ impl Lock {
     /// Parses a lock.
     ///
     /// # Errors
-    /// If the text is not a lock, with the place of the mistake.
+    /// If the text is not a lock; the message contains the position of the mistake. Also if the lock has another
+    /// format.
     pub fn parse(source: &Source) -> Result<Self, LockError> {
         let name = source.name.clone();
         let lock: Self = ron::from_str(&source.text)

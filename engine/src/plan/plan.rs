@@ -61,14 +61,14 @@ pub struct Planned {
     /// Forecast of the node's time in seconds, from earlier runs of its kind. `None` if there were no such runs or
     /// if the node would not run. Cached parts are not considered, so with them the node takes less time.
     pub forecast: Option<f64>,
-    /// The manifest of its key, if the key is known.
+    /// The manifest of the node's key, if the key is known.
     pub manifest: Option<Manifest>,
 }
 
 /// History of a node, found by the name of the node and the name of its graph file.
 #[derive(Debug, Clone, Default)]
 pub struct Past {
-    /// Time, memory and counts of its last run.
+    /// Time, memory and counts of the node's last run.
     pub spent: Option<Spent>,
     /// Differences between the key of the node and its previous key.
     pub changes: Vec<Change>,
@@ -138,7 +138,7 @@ impl Engine {
         planned.into_iter().flatten().collect()
     }
 
-    /// The history of a node with the plan `planned`.
+    /// The history of a node. `planned` is the plan of this node.
     pub fn past(&self, graph: &Graph, node: usize, planned: &Planned) -> Past {
         let (store, node) = (self.store(), &graph.nodes[node]);
         let spent = last_run(store, graph, node).map(|(spent, _)| spent);
@@ -269,7 +269,7 @@ impl<'a> Outlook<'a> {
         )
     }
 
-    /// Runs an instant node, and the instant nodes that it reads, in memory only.
+    /// Runs an instant node, and the instant nodes that it reads, without storing their results.
     fn find_out(&mut self, index: usize) {
         let mut open = vec![index];
         while let Some(&node) = open.last() {

@@ -120,24 +120,25 @@ pub(crate) fn sizes<'s>(node: &Node, sources: &[ReadSource], output: impl Fn(Wir
     }
 }
 
-/// The last two keys of the node that has this name in the graph file with this name, newest first.
+/// The last two keys, newest first, of the node that has the name of `node` in the graph file that has the name of
+/// `graph`.
 fn keys_of(store: &Store, graph: &Graph, node: &Node) -> Vec<Digest> {
     let bytes = store.history_get(&history_of(graph), &node.id).unwrap_or_default();
     bytes.as_chunks::<32>().0.iter().map(|key| Digest::from_bytes(*key)).collect()
 }
 
-/// The record of the last run of the node with this name.
+/// The record of the last run of the node that has the name of `node`.
 pub(crate) fn last_outputs(store: &Store, graph: &Graph, node: &Node) -> Option<Record> {
     look_up(store, node, keys_of(store, graph, node).first()?)
 }
 
-/// Time, counts and manifest of the last run of the node with this name.
+/// Time, counts and manifest of the last run of the node that has the name of `node`.
 pub(crate) fn last_run(store: &Store, graph: &Graph, node: &Node) -> Option<(Spent, Manifest)> {
     let bytes = store.get_record(keys_of(store, graph, node).first()?)?;
     Some((Record::decode(&bytes, node).ok()?.spent, Record::manifest(&bytes)?))
 }
 
-/// The manifest of the newest key that differs from `now` in the history of the node with this name.
+/// The manifest of the newest key that differs from `now` in the history of the node that has the name of `node`.
 pub(crate) fn manifest_before(store: &Store, graph: &Graph, node: &Node, now: &Digest) -> Option<Manifest> {
     let before = keys_of(store, graph, node).into_iter().find(|key| key != now)?;
     Record::manifest(&store.get_record(&before)?)

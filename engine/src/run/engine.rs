@@ -50,8 +50,9 @@ impl Engine {
         })
     }
 
-    /// Values that nodes keep in memory for other nodes. They may take a sixth of the memory budget in addition to
-    /// it. For a budget of 8 GiB this is enough for the tree of a mesh of five million triangles.
+    /// Cache of the values that nodes keep in memory for other nodes. Its limit is a sixth of the memory budget, in
+    /// addition to that budget. For a budget of 8 GiB this is enough for the tree of a mesh of five million
+    /// triangles.
     pub(crate) fn prepared(&self) -> &Arc<ValueCache> {
         self.prepared.get_or_init(|| Arc::new(ValueCache::new(self.limits().memory / 6)))
     }

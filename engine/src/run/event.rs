@@ -19,7 +19,7 @@ pub enum State {
     Cached,
     /// The code failed.
     Failed,
-    /// A node that it depends on failed, or the run was cancelled.
+    /// The code did not run, since a node that this node depends on failed or the run was cancelled.
     Skipped,
 }
 
@@ -133,7 +133,7 @@ pub enum Event {
     Pass {
         /// The parameter that the preview limits.
         parameter: String,
-        /// The limit in this preview.
+        /// Maximum value of the parameter in this preview.
         level: u64,
         /// The value of the parameter in the graph.
         of: u64,
@@ -142,7 +142,7 @@ pub enum Event {
     },
     /// The graph has mistakes, or nodes failed.
     Mistakes {
-        /// The mistakes with their places; empty if the graph file cannot be read.
+        /// The mistakes with their positions; empty if the graph file cannot be read.
         list: Vec<Mistake>,
         /// The mistakes as formatted text.
         #[serde(skip_serializing_if = "String::is_empty")]

@@ -73,16 +73,16 @@ impl Known {
                 .in_flight
                 .get(&key)
                 .map(Vec::as_slice)
-                .expect("every key that is being computed is listed");
+                .expect("every key that is being computed must be listed");
             for &follower in followers {
                 let follower = &slots[follower];
                 assert!(
                     follower.life == Life::Following && follower.key == Some(key),
-                    "a node that waits for another node has the same key"
+                    "a node that waits for another node must have the same key"
                 );
             }
             keys += 1;
         }
-        assert_eq!(self.in_flight.len(), keys, "keys that are being computed");
+        assert_eq!(self.in_flight.len(), keys, "every listed key must have a node that computes it");
     }
 }

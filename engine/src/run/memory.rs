@@ -4,7 +4,7 @@ use crate::graph::graph::Graph;
 use crate::run::slot::{Life, Slot};
 use crate::value::artifact::AnyArtifact;
 
-/// The memory of a run. Every change of a slot that affects its memory goes through this type.
+/// Memory counters of a run. Every change of a slot that affects memory goes through this type.
 pub(crate) struct Memory {
     limit: u64,
     held: u64,
@@ -44,12 +44,12 @@ impl Memory {
         slot.reserved = bytes;
     }
 
-    /// Releases the memory of code that ended.
+    /// Releases the memory that was reserved for the code of a node.
     pub fn release(&mut self, slot: &mut Slot) {
         self.reserved = self.reserved.saturating_sub(std::mem::take(&mut slot.reserved));
     }
 
-    /// Keeps a value of a node, unless it is present already.
+    /// Keeps the value of an output of a node, unless it is present already.
     pub fn keep(&mut self, slot: &mut Slot, port: usize, value: AnyArtifact, bytes: u64) {
         if slot.keep(port, value, bytes) {
             self.held += bytes;
@@ -63,7 +63,7 @@ impl Memory {
         self.drop_unread(slot);
     }
 
-    /// Drops the values of a node if it has no readers.
+    /// Drops the values of a node if no consumer needs them any more.
     pub fn drop_unread(&mut self, slot: &mut Slot) {
         if slot.is_unread() {
             self.held -= slot.drop_values();
@@ -72,7 +72,11 @@ impl Memory {
 
     /// Checks in debug builds that the counters agree with the slots.
     pub fn check(&self, graph: &Graph, slots: &[Slot]) {
-        assert_eq!(self.held, slots.iter().map(Slot::bytes).sum::<u64>(), "bytes of values");
+        assert_eq!(
+            self.held,
+            slots.iter().map(Slot::bytes).sum::<u64>(),
+            "the counted bytes of values must match the slots"
+        );
         assert_eq!(self.reserved, slots.iter().map(|slot| slot.reserved).sum::<u64>(), "bytes reserved");
         for (index, slot) in slots.iter().enumerate() {
             let out_of_run = |life| matches!(life, Life::Unwanted | Life::Failed | Life::Skipped);

@@ -92,7 +92,8 @@ pub(crate) struct Finished {
     pub ran: bool,
 }
 
-/// The output files of a sink, each with true if it was written and false if it was up to date already.
+/// For each output file of a sink: its path, and true if the file was written or false if it was already up to
+/// date.
 pub(crate) type Placed = Vec<(PathBuf, bool)>;
 
 #[cfg(test)]

@@ -30,6 +30,6 @@ pub struct RunOptions {
 pub struct Outcome {
     /// Counts of nodes and work.
     pub totals: Totals,
-    /// Failures, with their places in the graph file.
+    /// Failures, with their positions in the graph file.
     pub failures: Option<Diagnostics>,
 }

@@ -27,7 +27,8 @@ pub(crate) struct PreviousRun {
 pub(crate) struct Cone {
     /// For each node, true if its result may differ, or if no target needs the node.
     pub of: Vec<bool>,
-    /// The files of the other sinks, each with the index of its sink. All of these files are up to date.
+    /// The output files of the sinks for which `of` is false, each with the index of its sink. All of these files
+    /// are up to date.
     pub kept: Vec<(usize, PathBuf)>,
 }
 
@@ -69,7 +70,8 @@ impl PreviousRun {
         Some(Cone { of, kept })
     }
 
-    /// True if the result of an unchanged node is still up to date. Adds the files of a sink to `kept`.
+    /// True if the result of an unchanged node is still up to date. If the node is a sink, adds its files to
+    /// `kept`.
     fn stands(
         &self,
         graph: &Graph,

@@ -66,8 +66,8 @@ impl Line {
         self.short.remove(&place);
     }
 
-    /// The next node that may leave the line. `count` is the number of nodes at the following stage, and `jobs` is
-    /// the maximum number there, not counting one short node. `None` if the line is empty or no node may leave it.
+    /// The next node that may leave the line. `count` counts the nodes at the following stage, which may hold up to
+    /// `jobs` nodes and one additional short node. `None` if the line is empty or no node may leave it.
     fn next(&self, count: Count, jobs: usize) -> Option<usize> {
         let line = match count {
             Count { all, .. } if all < jobs => &self.all,
@@ -225,7 +225,10 @@ impl Queue {
         assert_eq!(self.queued.all, places(Life::Queued), "queued nodes");
         let is_short = |place: &&(usize, usize)| slots[place.1].short;
         for line in [&self.ready, &self.queued] {
-            assert!(line.all.iter().filter(is_short).eq(line.short.iter()), "short nodes in a line");
+            assert!(
+                line.all.iter().filter(is_short).eq(line.short.iter()),
+                "the subset of short nodes must match the slots"
+            );
         }
         let parked: BTreeSet<_> = self.parked.iter().map(|parked| self.place(parked.node)).collect();
         assert_eq!(parked, places(Life::Parked), "parked nodes");

@@ -19,8 +19,10 @@ pub(crate) fn targets(
 ) -> Result<Vec<(PathBuf, Digest)>, NodeError> {
     if files.len() > 1 && !template.contains("{view}") {
         let views: Vec<&str> = files.iter().map(|file| file.view.as_str()).collect();
-        let message =
-            format!("`{template}` names one file, but the sink writes {}: {}", files.len(), views.join(", "));
+        let message = format!(
+            "`{template}` names one file, but the sink writes one for each view: {}",
+            views.join(", ")
+        );
         return Err(NodeError::new(message).at("path").hint("put `{view}` into the path"));
     }
     let mut seen: BTreeMap<String, &str> = BTreeMap::new();
@@ -34,8 +36,8 @@ pub(crate) fn targets(
     Ok(files.iter().map(|file| (path(file), file.digest)).collect())
 }
 
-/// Returns what [`place`] would return if all files are known to be up to date, without reading any file. `None` if
-/// this is not known.
+/// If all files of a sink are known to be up to date, returns the same as [`place`] without reading any file.
+/// Otherwise returns `None`.
 pub(crate) fn in_place(
     store: &Store,
     targets: &[(PathBuf, Digest)],
@@ -49,8 +51,8 @@ pub(crate) fn in_place(
     targets.iter().map(one).collect()
 }
 
-/// Writes the files that are missing or differ. Returns `None` if a file must be written but its bytes are not in
-/// memory. If `confined` is given, a link below that folder is an error.
+/// Writes those files of a sink that are missing or have other bytes than the result. Returns `None` if a file must
+/// be written but its bytes are not in memory. If `confined` is given, a link below that folder is an error.
 pub(crate) fn place(
     store: &Store,
     targets: Vec<(PathBuf, Digest)>,

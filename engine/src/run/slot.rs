@@ -29,7 +29,7 @@ pub(crate) enum Life {
     Running,
     /// Another node with the same key is being computed.
     Following,
-    /// A sink whose files are being written.
+    /// The node is a sink, and its files are being written.
     Placing,
     /// The digests of the outputs are known, and the event was sent.
     Done,
@@ -66,22 +66,22 @@ pub(crate) struct Slot {
     pub waiters: Vec<(usize, Waiter)>,
     /// The stage to which the node returns after it has run again for its values. `None` if it is not to run again.
     pub remaking: Option<Life>,
-    /// True if its values are lost because the rerun failed.
+    /// True if the values of the node are lost because the rerun failed.
     pub lost: bool,
-    /// True if its values are being stored.
+    /// True if the values of the node are being stored.
     pub storing: bool,
     /// Number of messages that threads still have to send for the node.
     pub owed: usize,
     pub degraded: bool,
     /// True if the node, or a node above it, is reduced for a preview.
     pub rough: bool,
-    /// Work of its code, in units of its kind.
+    /// Work of the node's code, in the units of the node's kind.
     pub work: f64,
     /// True if the forecast of the node is below the limit for short nodes; see `queue`.
     pub short: bool,
-    /// Memory reserved for its code, in bytes.
+    /// Memory reserved for the node's code, in bytes.
     pub reserved: u64,
-    /// Estimate of the memory that its code needs, in bytes; `None` before the first estimate.
+    /// Estimate of the memory that the node's code needs, in bytes; `None` before the first estimate.
     pub cost: Option<u64>,
     /// State in which the node ended; reported once its files are up to date.
     pub end: Option<State>,
@@ -134,7 +134,7 @@ impl Slot {
         self.values.get(port)?.artifact.as_ref()
     }
 
-    /// A value and its size in bytes.
+    /// The value of an output and its size in bytes, if the value is in memory.
     pub fn sized_value(&self, port: usize) -> Option<(&AnyArtifact, u64)> {
         let value = self.values.get(port)?;
         Some((value.artifact.as_ref()?, value.bytes))
@@ -180,7 +180,7 @@ impl Slot {
         self.readers == 0 && !self.storing && self.waiters.is_empty() && self.remaking.is_none()
     }
 
-    /// Bytes of its values in memory.
+    /// Total size in bytes of the node's values that are in memory.
     pub fn bytes(&self) -> u64 {
         self.values.iter().map(|value| value.bytes).sum()
     }

@@ -7,7 +7,8 @@ use crate::run::event::Event;
 use crate::run::message::Message;
 use crate::run::workers::thread_number;
 
-/// Times the work of threads and sends each span as an [`Event::Span`]; does nothing if tracing is off.
+/// Measures how long threads work, and sends each measurement as an [`Event::Span`]. Does nothing if tracing is
+/// off.
 #[derive(Clone)]
 pub(crate) struct Tracer {
     start: Instant,
@@ -20,7 +21,7 @@ impl Tracer {
         Self { start, sender }
     }
 
-    /// Runs `code`, which is work for a node, and sends its span.
+    /// Runs `code`, which does work for the node `id`, and sends an event with its duration.
     pub fn span<T>(&self, id: &str, what: &str, code: impl FnOnce() -> T) -> T {
         if self.sender.is_none() {
             return code();
@@ -31,7 +32,7 @@ impl Tracer {
         result
     }
 
-    /// Sends a span of the given duration that ends now.
+    /// Sends an event for work that took `seconds` and ends now.
     pub fn record(&self, id: &str, what: &str, seconds: f64) {
         let Some(sender) = &self.sender else { return };
         let event = Event::Span {

@@ -85,7 +85,8 @@ fn kind_digest(kind: &KindEntry) -> Digest {
     Digest::of(&of.finish())
 }
 
-/// The stamp of a file, if the store knows that a file with this stamp has this digest.
+/// The stamp of the file at `path`. `None` unless the store has recorded that a file with this stamp has the digest
+/// `digest`.
 fn trusted(store: &Store, path: &Path, digest: &Digest) -> Option<[u8; 40]> {
     let stamp = FileStamp::of(path).ok()?;
     (store.memo_get(path, &stamp)? == *digest).then(|| stamp.to_bytes())

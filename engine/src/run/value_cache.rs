@@ -24,7 +24,7 @@ struct Entries {
     held: u64,
     clock: u64,
     values: HashMap<Name, Kept>,
-    /// Names by time of last use, the oldest first.
+    /// Names of the values, sorted by time of last use, the least recent first.
     ages: BTreeMap<u64, Name>,
 }
 
@@ -35,7 +35,7 @@ struct Kept {
 }
 
 impl Output {
-    /// The name of the value in memory.
+    /// The name under which the value of this output is kept in memory.
     pub(crate) fn name(&self) -> Name {
         (self.digest, self.type_name, self.format)
     }
@@ -54,7 +54,7 @@ impl Entries {
 }
 
 impl ValueCache {
-    /// A cache of at most `limit` bytes. If `limit` is 0, it keeps nothing.
+    /// A cache of at most `limit` bytes. If `limit` is 0, nothing is kept.
     pub fn new(limit: u64) -> Self {
         Self { limit, ..Self::default() }
     }
@@ -64,7 +64,7 @@ impl ValueCache {
         self.entries.lock().unwrap_or_else(PoisonError::into_inner).held
     }
 
-    /// The value with a name, if it is in the cache.
+    /// The value with the name `name`, if it is in the cache.
     pub fn get(&self, name: &Name) -> Option<AnyArtifact> {
         if self.limit == 0 {
             return None;

@@ -33,7 +33,7 @@ struct Node<'s> {
     said: &'s Described,
     /// For each field that contains wires: its name, and the node index and output name of each wire.
     wires: Vec<(&'s str, Vec<(usize, String)>)>,
-    /// Digest of the node and everything above it, except node names.
+    /// Digest of the node and everything above it, not including node names.
     digest: Digest,
 }
 

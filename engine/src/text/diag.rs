@@ -1,4 +1,4 @@
-//! Diagnostics: the mistakes in a graph file, with their places and advice. All mistakes of a file are reported
+//! Diagnostics: the mistakes in a graph file, with their positions and advice. All mistakes of a file are reported
 //! together.
 
 use std::collections::BTreeSet;
@@ -57,15 +57,15 @@ pub enum Code {
 pub struct Diagnostic {
     /// Category, for programs.
     pub code: Code,
-    /// Range of bytes to underline.
+    /// Byte range to underline in the text.
     pub span: Range<usize>,
-    /// Message.
+    /// Description of the mistake.
     pub message: String,
     /// Text next to the underline.
     pub label: String,
-    /// Related places with their labels.
+    /// Byte ranges of related places, each with the text to show next to it.
     pub related: Vec<(Range<usize>, String)>,
-    /// Advice.
+    /// Advice on how to correct the mistake.
     pub hints: Vec<String>,
 }
 
@@ -87,7 +87,7 @@ impl Diagnostic {
         self
     }
 
-    /// Adds a related place.
+    /// Adds a related byte range and the text to show next to it.
     pub fn related(mut self, span: Range<usize>, label: impl Into<String>) -> Self {
         self.related.push((span, label.into()));
         self
@@ -111,7 +111,7 @@ impl Diagnostic {
 /// Maximum number of diagnostics shown.
 const MOST_SHOWN: usize = 100;
 
-/// The mistakes in one text, in the order of their places.
+/// The mistakes in one text, sorted by byte range.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Diagnostics {
     /// The text with the mistakes.
@@ -123,7 +123,7 @@ pub struct Diagnostics {
 }
 
 impl Diagnostics {
-    /// Sorts mistakes by place and removes duplicates, which occur if a subgraph is used several times.
+    /// Sorts mistakes by byte range and removes duplicates, which occur if a subgraph is used several times.
     pub fn new(source: Source, mut list: Vec<Diagnostic>) -> Self {
         list.sort_by_key(|diagnostic| (diagnostic.span.start, diagnostic.span.end));
         let mut seen = BTreeSet::new();
@@ -226,8 +226,8 @@ fn bounded(mut text: String) -> String {
 
 /// The name in `known` that is most similar to `found`. The number of edits between the two must be at most a third
 /// of the number of letters in `found`, where this limit is at least 1 and at most 3. An edit inserts, deletes or
-/// replaces a letter, or swaps two adjacent letters. If no name is similar, but exactly one contains `found` as a
-/// word, returns that name (such as `yaw_deg` for `yaw`).
+/// replaces a letter, or swaps two adjacent letters. If no name is similar, but exactly one name contains `found`
+/// as a word, returns that name (such as `yaw_deg` for `yaw`).
 pub fn nearest<'k>(found: &str, known: impl IntoIterator<Item = &'k str>) -> Option<&'k str> {
     // Only the first letters of long names are compared, since the time grows with the square of the length.
     let folded = |text: &str| -> String { text.to_lowercase().chars().take(64).collect() };
@@ -254,14 +254,14 @@ pub struct Mistake {
     pub length: usize,
     /// Byte range of the underline: the first byte, and the byte after the last.
     pub span: [usize; 2],
-    /// Category.
+    /// Category of the mistake.
     pub code: Code,
-    /// Message.
+    /// Description of the mistake.
     pub message: String,
     /// Text next to the underline.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub label: String,
-    /// Advice.
+    /// Advice on how to correct the mistake.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub hints: Vec<String>,
 }

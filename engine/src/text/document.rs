@@ -1,4 +1,4 @@
-//! The structure of a graph file: nodes and fields with their places. Values are still text.
+//! The structure of a graph file: nodes and fields with their byte ranges. Values are still text.
 
 use std::borrow::Cow;
 use std::ops::Range;
@@ -15,7 +15,7 @@ pub(crate) struct RawField<'t> {
 }
 
 impl<'t> RawField<'t> {
-    /// A field that is not part of a file.
+    /// Creates a field that does not come from a file.
     pub fn plain(name: &'t str, text: &'t str) -> Self {
         Self { name, name_span: 0..0, text, span: 0..0, scope: 0 }
     }
@@ -29,7 +29,7 @@ pub(crate) struct RawNode<'t> {
     pub id_span: Range<usize>,
     pub kind: &'t str,
     pub kind_span: Range<usize>,
-    /// Place of the kind and the fields.
+    /// Byte range of the kind and the fields.
     pub span: Range<usize>,
     pub fields: Vec<RawField<'t>>,
     /// The subgraph that contains the node: an index into [`Document::scopes`].
@@ -76,7 +76,7 @@ pub(crate) struct Scope<'t> {
     pub file: &'t str,
     /// Values of the parameters: the values that the use gives, and defaults for the others.
     pub values: Vec<RawField<'t>>,
-    /// Place and scope of the node that uses the subgraph; `None` for the graph itself.
+    /// Byte range and scope of the node that uses the subgraph; `None` for the graph itself.
     pub used: Option<(Range<usize>, usize)>,
     pub depth: usize,
 }

@@ -17,7 +17,7 @@ pub struct Setting {
 /// Errors when parsing a setting.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum EditError {
-    /// The form is not `node.field=value`.
+    /// The argument does not have the form `node.field=value`.
     #[error("`{0}` is not a setting; write `node.field=value`")]
     Form(String),
 }

@@ -96,7 +96,7 @@ fn read<'t>(source: &'t Source, piece: &Piece, diagnostics: &mut Vec<Diagnostic>
     }
 }
 
-/// The file names in an `include` field, relative to the folder of the graph, with their places.
+/// The file names in an `include` field, relative to the folder of the graph. Each has its byte range.
 fn files(field: &RawField<'_>, piece: &Piece) -> Vec<(String, Range<usize>)> {
     let list =
         parse_value::<Vec<String>>(field.text).or_else(|_| parse_value(field.text).map(|one| vec![one]));

@@ -1,4 +1,4 @@
-//! Graph files as text: parsing, includes, overlays, and mistakes with their places.
+//! Graph files as text: parsing, includes, overlays, and mistakes with their positions.
 
 pub(crate) mod diag;
 pub(crate) mod document;

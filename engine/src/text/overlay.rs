@@ -13,7 +13,7 @@ use crate::text::syntax::twice;
 #[derive(Debug, Default)]
 pub(crate) struct Overlays<'t> {
     nodes: BTreeMap<Cow<'t, str>, Vec<RawNode<'t>>>,
-    /// Axes that only an overlay defines, with their places.
+    /// Names and byte ranges of the axes that only an overlay defines.
     axes: Vec<(&'t str, Range<usize>)>,
 }
 

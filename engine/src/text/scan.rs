@@ -1,7 +1,8 @@
 //! The scanner of RON text: it finds where names, values and brackets begin and end.
 //!
-//! Values are skipped here and parsed later by `ron`. So one pass finds all places, and a mistake affects only the
-//! field that contains it. The scanner does not recurse, however deeply brackets are nested.
+//! Values are skipped here and parsed later by `ron`. So one pass finds the byte ranges of all names and values,
+//! and a mistake affects only the field that contains it. The scanner does not recurse, however deeply brackets are
+//! nested.
 
 use std::ops::Range;
 
@@ -35,7 +36,7 @@ impl<'t> Scanner<'t> {
         self.at >= self.text.len()
     }
 
-    /// Skips `byte`, which must be ASCII. Returns false if it is not next.
+    /// Skips `byte`, which must be ASCII. Returns false if `byte` is not at the current position.
     pub fn eat(&mut self, byte: u8) -> bool {
         let found = self.peek() == byte && !self.is_at_end();
         self.at += usize::from(found);
@@ -51,7 +52,7 @@ impl<'t> Scanner<'t> {
         self.diagnostics.push(diagnostic);
     }
 
-    /// Reports a bracket at `place` that is never closed.
+    /// Reports that the bracket `open` at the byte offset `place` is never closed.
     pub fn unclosed(&mut self, place: usize, open: u8) {
         if !std::mem::replace(&mut self.endless, true) {
             let what = format!("`{}` has no matching `{}`", open as char, closing(open) as char);
@@ -62,7 +63,7 @@ impl<'t> Scanner<'t> {
         }
     }
 
-    /// The range of the current character.
+    /// The byte range of the current character.
     pub fn here(&self) -> Range<usize> {
         self.at..self.at + self.rest().chars().next().map_or(0, char::len_utf8)
     }
@@ -194,7 +195,7 @@ impl<'t> Scanner<'t> {
         }
     }
 
-    /// Skips `'x'`, or a string in single quotes, which is a mistake.
+    /// Skips a character in single quotes. A longer string in single quotes is skipped and reported as a mistake.
     fn character(&mut self) {
         let start = self.at;
         let line = self.rest().find('\n').map_or(self.rest(), |end| &self.rest()[..end]);
@@ -215,7 +216,7 @@ impl<'t> Scanner<'t> {
         }
     }
 
-    /// Skips a string in typographic quotes, which is a mistake.
+    /// Skips a string in typographic quotes and reports it as a mistake.
     fn curly(&mut self) {
         let start = self.at;
         self.step();

@@ -196,7 +196,7 @@ pub(crate) fn parameter_read<'t>(text: &'t str) -> Option<Cow<'t, str>> {
     }
 }
 
-/// The value of the parameter that the call `text` reads. `place` is the place of the call.
+/// The value of the parameter that the call `text` reads. `place` is the byte range of the call.
 pub(crate) fn value_of<'s, 't>(
     scopes: &'s [Scope<'t>],
     scope: usize,
@@ -219,9 +219,9 @@ pub(crate) fn value_of<'s, 't>(
     })
 }
 
-/// Returns the text of a field with each `Param` call replaced by its value, and the place of the field. If the
-/// field is a single `Param` call, the place is that of the value. If `folder_at` is given, paths are made relative
-/// to the folder of the graph.
+/// Returns the text of a field with each `Param` call replaced by its value, and the byte range of the field. If
+/// the field is a single `Param` call, the byte range is that of the value. If `folder_at` is given, paths are made
+/// relative to the folder of the graph.
 pub(crate) fn in_place<'t>(
     field: &RawField<'t>,
     scopes: &[Scope<'t>],
@@ -267,7 +267,7 @@ fn in_place_within<'t>(
     Ok((Cow::Owned(out), field.span.clone()))
 }
 
-/// The ranges of calls of the given names in a text, except in strings and in other calls.
+/// The byte ranges of all calls of the given names in a text. Calls in strings and inside other calls are left out.
 pub(crate) fn calls(text: &str, names: &[&str]) -> Vec<Range<usize>> {
     let mut found = Vec::new();
     if !names.iter().any(|name| text.contains(name)) {
@@ -310,7 +310,7 @@ fn moved<'t>(folder: &str, text: &'t str) -> Cow<'t, str> {
     Cow::Owned(out)
 }
 
-/// All strings in a text, with their ranges.
+/// All strings in a text, with their byte ranges.
 pub(crate) fn strings(text: &str) -> Vec<(String, Range<usize>)> {
     let mut scan = Scanner::new(text);
     let mut found = Vec::new();

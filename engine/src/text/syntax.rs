@@ -1,4 +1,4 @@
-//! The parser of RON text into nodes and fields with their places.
+//! The parser of RON text into nodes and fields with their byte ranges.
 //!
 //! The scanner finds the structure, and `ron` parses the values later. The parser therefore does not need the
 //! kinds, detects duplicates, and reports all mistakes together.

@@ -94,7 +94,7 @@ fn begins(choice: &str, text: &str) -> bool {
     })
 }
 
-/// The diagnostic for a parameter whose text cannot be read. `range` is the label for a number that is out of
+/// The diagnostic for a parameter whose text cannot be parsed. `range` is the label for a number that is out of
 /// range.
 pub(crate) fn value_mistake(
     name: &str,

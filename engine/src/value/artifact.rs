@@ -13,7 +13,7 @@ use crate::value::error::guarded;
 /// The encoding is canonical: equal values give equal bytes on every machine, since the content digest of a value
 /// is the digest of its encoded bytes. Keys contain the type name and the format as well.
 pub trait Artifact: Send + Sync + Sized + 'static {
-    /// Name of the type in kebab-case; ports can be connected if their names are equal.
+    /// Name of the type in kebab-case. An output can be connected to an input if their types have the same name.
     const TYPE: &'static str;
     /// Version of the byte layout. It is raised whenever the bytes that `encode` writes change.
     const FORMAT: u32;
@@ -226,13 +226,13 @@ impl<'a> Decoder<'a> {
         match self.u8()? {
             0 => Ok(false),
             1 => Ok(true),
-            other => Err(Corrupt(format!("a boolean has the value {other}"))),
+            other => Err(Corrupt(format!("a boolean is stored as {other}; it must be 0 or 1"))),
         }
     }
 
     /// Reads a text.
     pub fn str(&mut self) -> Result<String, Corrupt> {
-        String::from_utf8(self.u8s()?).map_err(|_| Corrupt("a text is not UTF-8".to_owned()))
+        String::from_utf8(self.u8s()?).map_err(|_| Corrupt("a text is not valid UTF-8".to_owned()))
     }
 
     /// Reads an artifact.
@@ -245,7 +245,10 @@ impl<'a> Decoder<'a> {
         if self.rest.is_empty() {
             Ok(())
         } else {
-            Err(Corrupt(format!("{} bytes follow the end of the value", self.rest.len())))
+            Err(Corrupt(format!(
+                "unexpected data after the end of the value (length in bytes: {})",
+                self.rest.len()
+            )))
         }
     }
 }
@@ -294,7 +297,7 @@ impl ArtifactType {
     /// Difference between two values of this type.
     pub fn difference(&self, a: &AnyArtifact, b: &AnyArtifact) -> Difference {
         guarded(|| Ok((self.difference)(a, b)))
-            .unwrap_or_else(|error| Difference::of(format!("cannot be compared: {error}")))
+            .unwrap_or_else(|error| Difference::of(format!("the values cannot be compared: {error}")))
     }
 }
 

@@ -38,7 +38,7 @@ impl NodeError {
         Self { kind: NodeErrorKind::Busy(key), field: None, hint: None }
     }
 
-    /// Names the responsible parameter or input; its text is underlined.
+    /// Names the responsible parameter or input. The report underlines the text of this field.
     pub fn at(mut self, field: &'static str) -> Self {
         self.field.get_or_insert(field);
         self

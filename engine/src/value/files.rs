@@ -50,7 +50,7 @@ impl Artifact for Files {
             format!("{unequal} of {count} files differ")
         } else {
             format!(
-                "{count} files compared with {others}; of the first {}, {unequal} differ",
+                "one result has {count} files and the other {others}; of the first {}, {unequal} differ",
                 count.min(others)
             )
         })

@@ -74,7 +74,7 @@ impl SourceRoot {
         Self { folder: folder.into(), ..self }
     }
 
-    /// The folder that paths are relative to.
+    /// The folder to which paths are relative.
     pub fn folder(&self) -> &Path {
         &self.folder
     }
@@ -112,15 +112,16 @@ impl SourceRoot {
         }
     }
 
-    /// True if a file belongs to an unpacked bundle but the graph does not. If the graph included such a file, the
-    /// file could make it read anything that the graph may read.
+    /// True if a file belongs to an unpacked bundle but the graph does not. Such a file is untrusted: if the graph
+    /// included it, it could read every file that the graph may read.
     pub fn is_strange(&self, path: &Path) -> bool {
         // Links are followed to the folder that contains the text.
         let folder = || path.canonicalize().ok()?.parent().and_then(bundle_around);
         !self.is_confined() && folder().is_some()
     }
 
-    /// True if this path is the replacement that [`SourceRoot::file`] returns for a path that may not be read.
+    /// True if the path of `file` is the replacement that [`SourceRoot::file`] returns for a path that may not be
+    /// read.
     pub fn is_outside(&self, file: &SourceFile) -> bool {
         file.path.starts_with(OUTSIDE)
     }

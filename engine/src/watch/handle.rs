@@ -7,7 +7,7 @@ use crate::run::event::Event;
 
 /// A message to the watching thread.
 pub(crate) enum Input {
-    /// A change at these paths; empty for unknown paths.
+    /// A change at these paths. The list is empty if the paths are unknown.
     Changed(Vec<PathBuf>),
     Event(Event),
     Ended,
@@ -25,7 +25,7 @@ impl Handle {
         let _ = self.0.send(Input::Quit);
     }
 
-    /// Reports a possible change at these paths; empty for unknown paths.
+    /// Reports a possible change at these paths. `paths` is empty if the paths are unknown.
     pub fn hint(&self, paths: Vec<PathBuf>) {
         let _ = self.0.send(Input::Changed(paths));
     }

@@ -19,7 +19,7 @@ pub struct Load {
 /// Reason why a graph cannot run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Refusal {
-    /// The mistakes with their places.
+    /// The mistakes with their positions.
     pub list: Vec<Mistake>,
     /// The mistakes as formatted text.
     pub text: String,

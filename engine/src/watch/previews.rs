@@ -10,15 +10,16 @@ const AT_ONCE: f64 = 0.3;
 /// The ways in which a preview is reduced.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) struct Reduction {
-    /// Limit of the parameter.
+    /// Maximum value of the parameter that the preview limits.
     pub level: u64,
     /// Side length in pixels of the blocks in which only one pixel is computed.
     pub coarse: u64,
 }
 
 /// The previews of a run in which the parameter is at most `most` and the forecast is `seconds`, if known. They
-/// limit the parameter to 1, 4, 16 and so on, where chunks of cached work end. If even the preview with the limit 1
-/// takes long and a node supports it (`coarse`), an additional first preview computes only a subset of the pixels.
+/// limit the parameter to 1, 4, 16 and so on, since chunks of cached work end at these values. If even the preview
+/// with the limit 1 takes long and a node supports it (`coarse`), an additional first preview computes only a
+/// subset of the pixels.
 pub(crate) fn levels(most: u64, seconds: Option<f64>, coarse: bool) -> Vec<Reduction> {
     let takes = |level: u64| seconds.map_or(f64::INFINITY, |all| all * level as f64 / most.max(1) as f64);
     let block = match takes(1) {

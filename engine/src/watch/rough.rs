@@ -7,7 +7,8 @@ use crate::graph::graph::Graph;
 impl Graph {
     /// The graph reduced for a preview. Nodes that have `parameter` use at most `level` for it and, if their kind
     /// supports it, compute one pixel per block of `coarse` by `coarse` pixels. The nodes below them use the
-    /// preview values of their kinds. Also returns the nodes that changed; `None` if no node changed.
+    /// preview values of their kinds. Also returns the indices of the nodes that changed. Returns `None` if no node
+    /// changed.
     pub fn rough(&self, parameter: &str, level: u64, coarse: u64) -> Option<(Self, Vec<usize>)> {
         let mut graph = self.clone();
         let (mut below, mut changed) = (vec![false; self.nodes.len()], Vec::new());
@@ -37,7 +38,7 @@ impl Graph {
         (!changed.is_empty()).then_some((graph, changed))
     }
 
-    /// True if a node can compute a subset of its pixels.
+    /// True if a node can be limited to a subset of its pixels.
     pub(crate) fn can_be_coarse(&self, node: usize) -> bool {
         self.nodes[node].kind.preview.coarse.is_some()
     }

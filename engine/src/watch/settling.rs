@@ -1,9 +1,9 @@
-//! Delays the handling of changes until shortly after the last change, but at most for a limited time after the
+//! Decides when changed files are inspected: shortly after the last change, but at most a limited time after the
 //! first.
 
 use std::time::{Duration, Instant};
 
-/// Collects notifications until the files should be inspected.
+/// Collects notifications until the files are due for an inspection.
 #[derive(Debug)]
 pub(crate) struct Settling {
     settle: Duration,
@@ -14,8 +14,8 @@ pub(crate) struct Settling {
 }
 
 impl Settling {
-    /// Creates the state. The files are to be inspected `settle` after the last notification, and at most `longest`
-    /// after the first.
+    /// Creates a state without a pending inspection. The files are to be inspected `settle` after the last
+    /// notification, and at most `longest` after the first.
     pub fn new(settle: Duration, longest: Duration) -> Self {
         Self { settle, longest, pending: None }
     }
@@ -32,12 +32,13 @@ impl Settling {
         self.pending = Some((first, (now + patience).min(latest)));
     }
 
-    /// Time of the inspection.
+    /// Time at which the files are to be inspected; `None` if no inspection is pending.
     pub fn due(&self) -> Option<Instant> {
         self.pending.map(|(_, due)| due)
     }
 
-    /// Returns true once when the time of the inspection has come. Afterwards no inspection is pending.
+    /// Returns true if the inspection is due, and clears it, so that later calls return false until there is
+    /// another notification.
     pub fn take(&mut self, now: Instant) -> bool {
         let come = self.due().is_some_and(|due| due <= now);
         if come {

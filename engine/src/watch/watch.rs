@@ -31,7 +31,7 @@ const POLL: Duration = Duration::from_millis(500);
 /// Interval between inspections even if there are notifications, since network drives send none and systems may
 /// lose them.
 const CHECK: Duration = Duration::from_secs(2);
-/// The result of waiting.
+/// The event that ended a wait.
 enum Next {
     /// Watched files changed, and the graph must run again.
     Changed(Box<Load>),
@@ -65,9 +65,9 @@ impl Watch {
         self.handle.clone()
     }
 
-    /// Watches until [`Handle::quit`] is called. `load` reads the graph at the start and after every change. Its
-    /// argument is true if no source file of a node has changed; a graph with the same text then need not be
-    /// checked again. Returns the files that do not show the current graph.
+    /// Watches until [`Handle::quit`] is called. `load` reads the graph at the start and after every change. The
+    /// argument of `load` is true if no source file of a node has changed; a graph with the same text then need not
+    /// be checked again. Returns the files that do not show the current graph.
     pub fn run(
         self,
         engine: &Engine,
@@ -146,7 +146,7 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
         }
     }
 
-    /// Runs a graph, after previews if it takes long.
+    /// Runs a graph. If the run is forecast to take long, previews precede it.
     fn show(&mut self, current: &Load, graph: &Graph, only: &[usize]) -> Next {
         self.shown.retain(|_, file| graph.find(&file.id).is_some());
         let plan = self.engine.plan_next(graph, only, &self.options.out);
@@ -174,7 +174,7 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
         self.pass(current, graph, only, Vec::new())
     }
 
-    /// Runs a graph once, until it ends or a newer graph exists.
+    /// Runs a graph once. Returns when the run has ended or a newer graph exists.
     fn pass(&mut self, current: &Load, graph: &Graph, only: &[usize], rough: Vec<usize>) -> Next {
         let cancel = Arc::new(AtomicBool::new(false));
         let options = RunOptions {

@@ -330,9 +330,9 @@ engine::params! {
         samples: u32 = 32, range(1, 4096), other("48");
         /// Step between computed samples; 1 computes all of them.
         coarse: u32 = 1, range(1, 64), other("2");
-        /// Factor applied to the mean; no part depends on it.
+        /// Factor applied to the mean. The keys of the parts do not contain it.
         gain: f64 = 1.0, other("2.0");
-        /// Duration of the computation of a part; no part depends on it.
+        /// Duration of the computation of a part. The keys of the parts do not contain it.
         millis: u64 = 0, inert("time is not part of the result");
     }
 }
@@ -529,7 +529,7 @@ simple!(
 );
 
 engine::params! {
-    /// Panics unless its number is zero.
+    /// Panics unless its input is zero.
     pub struct Panic {
         /// True to panic in the estimate, before the code runs.
         early: bool = false, other("true");
@@ -594,7 +594,7 @@ impl Kind for WriteNumber {
 }
 
 engine::params! {
-    /// Writes the recipe of its number to a file.
+    /// Writes the recipe of its input to a file.
     pub struct WriteRecipe {
         /// The file.
         path: OutputFile, other("\"b.txt\"");

@@ -250,7 +250,7 @@ fn a_number_of_cameras_that_is_not_known_is_a_mistake() {
     }
 }
 
-/// If a subgraph declares an axis `Cameras("rig")`, the node `rig` is that of the subgraph.
+/// If a subgraph declares an axis `Cameras("rig")`, `rig` refers to a node of the subgraph.
 #[test]
 fn a_subgraph_may_count_its_own_cameras() {
     let lab = Lab::on_disk();

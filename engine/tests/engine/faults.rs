@@ -52,7 +52,7 @@ fn recover(warm: &Warm, what: &str) -> Log {
     log
 }
 
-/// Damages the bytes of a file in one of several ways.
+/// Damages the bytes of a file. `how` selects one of several kinds of damage.
 fn damage(path: &Path, how: usize) {
     let mut bytes = fs::read(path).unwrap();
     let middle = bytes.len() / 2;

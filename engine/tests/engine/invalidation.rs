@@ -32,7 +32,7 @@ fn warm() -> Lab {
     lab
 }
 
-/// All spellings of a number give the same key, and -0 equals 0. NaN is reported as a mistake at its place.
+/// All spellings of a number give the same key, and -0 equals 0. NaN is reported as a mistake at its position.
 #[test]
 fn equal_values_have_equal_keys_however_they_are_written() {
     let lab = Lab::in_memory();

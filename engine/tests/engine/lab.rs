@@ -27,7 +27,7 @@ pub fn graph_text(nodes: &str) -> String {
 }
 
 impl Lab {
-    /// A lab with a cache on disk. Every run opens it again, like a new process.
+    /// A lab with a cache on disk. Every run reopens the cache, as a new process would.
     pub fn on_disk() -> Self {
         let folder = tempfile::tempdir().unwrap();
         let (jobs, budget) = (2, 1 << 30);

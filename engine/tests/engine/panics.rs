@@ -13,7 +13,7 @@ use crate::arithmetic::{Nothing, Num, registry};
 use crate::lab::{Lab, graph_text};
 
 engine::params! {
-    /// Panics at one place in its code.
+    /// Panics at the place in its code that `at` names.
     pub struct Burst {
         /// The place at which to panic.
         at: String = String::new(), other("\"run\"");
@@ -28,7 +28,7 @@ impl Burst {
     }
 }
 
-/// A value whose code panics at one place.
+/// A value that contains the name of one of its methods. That method panics.
 pub struct Fuse(String);
 
 impl Fuse {

@@ -16,7 +16,7 @@ fn text() -> String {
 }
 
 /// Runs a graph with an empty cache. Returns the kind, key and notes of each node, and the failures with their
-/// places.
+/// positions.
 fn run(lab: &Lab, graph: &Graph) -> (Vec<String>, String) {
     let engine = Engine::new(Store::in_memory(), 1, 1 << 30);
     let options = RunOptions { out: lab.path("out"), ..RunOptions::default() };

@@ -114,7 +114,8 @@ fn many_views_need_a_place_in_the_path() {
     assert_eq!((log.failed().as_str(), log.files().as_str()), ("w", ""));
     let text = log.failures();
     assert!(
-        text.contains("names one file, but the sink writes 2: left, b") && text.contains("put `{view}`"),
+        text.contains("names one file, but the sink writes one for each view: left, b")
+            && text.contains("put `{view}`"),
         "{text}"
     );
     assert!(text.contains("\"w.txt\""), "the path is underlined: {text}");

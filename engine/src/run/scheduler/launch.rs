@@ -16,7 +16,7 @@ use crate::value::error::NodeError;
 use crate::value::root::FileHead;
 use crate::value::units::bytes_text;
 
-/// First pause between two checks whether a result is still being computed elsewhere.
+/// Pause before the second check of whether a result is still being computed elsewhere.
 const FIRST_PAUSE: Duration = Duration::from_millis(5);
 /// Maximum pause between two such checks.
 const LONGEST_PAUSE: Duration = Duration::from_millis(80);
@@ -151,7 +151,7 @@ impl<'a> Run<'a> {
         self.queue.park(Parked { node, key, since, when, pause: FIRST_PAUSE }, slot);
     }
 
-    /// Queues the parked nodes whose key is free.
+    /// Queues each parked node whose key is no longer held by a process that makes progress.
     pub fn unpark(&mut self) {
         let now = Instant::now();
         let store = &self.engine.store;

@@ -39,7 +39,7 @@ use crate::value::error::NodeError;
 /// Interval at which leases are renewed. This shows other processes that this process is still working.
 const RENEW_EVERY: Duration = Duration::from_secs(1);
 
-/// Number of nodes up to which the history of a graph is not trimmed.
+/// The history of a graph is trimmed only if it contains more nodes than this.
 const MIN_HISTORY: usize = 1024;
 
 /// A pending step of the scheduler.
@@ -85,7 +85,7 @@ pub(crate) struct Run<'a> {
     /// Number of messages that threads still have to send.
     owed: usize,
     store_failed: bool,
-    /// Nodes whose stored values were missing.
+    /// Indices of the nodes whose stored values were missing.
     gone: BTreeSet<usize>,
     failures: Vec<Diagnostic>,
     totals: Totals,
@@ -205,7 +205,7 @@ impl<'a> Run<'a> {
         self.known.check(&self.slots);
         assert_eq!(self.owed, self.slots.iter().map(|slot| slot.owed).sum::<usize>(), "messages owed");
         let unstarted = self.unstarted.len();
-        assert!(unstarted <= self.owed, "messages owed by work that waits for a thread");
+        assert!(unstarted <= self.owed, "each piece of work that waits for a thread must owe a message");
     }
 
     /// Counts a message that a thread owed and has now sent.

@@ -55,7 +55,7 @@ impl<'a> Run<'a> {
         self.todo.push_back(Task::Bring(wire));
     }
 
-    /// Loads an output, or reruns its node.
+    /// Loads an output from the store, or reruns its node if the value is not stored.
     pub fn bring(&mut self, wire: Wire) {
         let Wire { node, port } = wire;
         let slot = &mut self.slots[node];
@@ -123,7 +123,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Ends a rerun for values, whatever its outcome.
+    /// Ends a rerun that only provides values, whatever its outcome.
     pub fn end_remake(&mut self, index: usize) {
         let slot = &mut self.slots[index];
         if slot.remaking.is_none() {
@@ -134,7 +134,7 @@ impl<'a> Run<'a> {
         self.release_inputs(index);
     }
 
-    /// Handles the result of a rerun for values.
+    /// Handles the result of a rerun that only provides values.
     pub fn remade(&mut self, index: usize, finished: Finished) {
         let digests = |outputs: &[Output]| -> Vec<Digest> { outputs.iter().map(|o| o.digest).collect() };
         let known = self.slots[index].record.as_ref().map(|record| digests(&record.outputs));
@@ -154,7 +154,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Keeps the values that a node computed in memory while they may be read.
+    /// Keeps in memory the values that a node computed, as long as they may be read.
     pub fn hold(&mut self, index: usize, values: &[AnyArtifact]) {
         for (port, value) in values.iter().enumerate() {
             self.take_in(index, port, value.clone());

@@ -44,7 +44,7 @@ pub enum BundleError {
     #[error("the bundle is damaged or incomplete: {0}")]
     Damaged(String),
     /// A name in the bundle is not permitted.
-    #[error("the bundle names a file `{}`: {why}", name.escape_debug())]
+    #[error("the bundle contains the file name `{}`, which is not permitted: {why}", name.escape_debug())]
     Name {
         /// The name.
         name: String,
@@ -54,7 +54,7 @@ pub enum BundleError {
     /// A file cannot be read or written.
     #[error("{what}: {source}")]
     Io {
-        /// The operation, with the path.
+        /// The operation that failed, with the path.
         what: String,
         /// Underlying I/O error.
         source: io::Error,
@@ -92,7 +92,7 @@ impl BundleParts {
         digest
     }
 
-    /// Adds a file with these bytes.
+    /// Adds a file with the given name and content.
     pub fn file(&mut self, name: &str, bytes: Vec<u8>) {
         let digest = self.add(bytes);
         self.files.insert(name.to_owned(), digest);
@@ -220,7 +220,7 @@ pub struct Bundle<R> {
 }
 
 impl<R: Read + Seek> Bundle<R> {
-    /// Reads and validates the index.
+    /// Reads and validates the index of a bundle.
     ///
     /// # Errors
     /// If the file is not a bundle, or if its index is invalid.

@@ -16,7 +16,7 @@ use crate::text::edit::replace_strings;
 use crate::text::source::folder_of;
 use crate::value::error::NodeError;
 
-/// The nodes whose values are part of a bundle. Digests of all known results are always included.
+/// Selects the nodes whose values become part of a bundle. Digests of all known results are always included.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Results {
     /// No nodes.
@@ -168,7 +168,8 @@ impl Places {
         Self { moved: moved.collect() }
     }
 
-    /// The new name of a source file that is inside a folder named by the node.
+    /// The path in the bundle of a source file of a node. Equal to `name` if the file is not in a folder that gets
+    /// another name.
     fn name(&self, node: usize, name: &str) -> String {
         let moved = self.moved[node].iter().filter_map(|(from, to)| {
             if is_dots(name) && folder(name) == from {
@@ -185,7 +186,7 @@ impl Places {
         moved.max().map_or_else(|| name.to_owned(), |(_, name)| name)
     }
 
-    /// The text of the graph with the new names.
+    /// The text of the graph for the bundle, in which the new paths replace the old ones.
     fn text(&self, graph: &Graph) -> Result<String, BundleError> {
         let mut edits = Vec::new();
         for (index, node) in
@@ -205,7 +206,8 @@ impl Places {
         if let Some((span, _)) = edits.iter().find(|(span, _)| below(span)) {
             let (field, file) = (&graph.source.text[span.clone()], &graph.source.piece(span.start).name);
             let what = format!(
-                "`{field}` in `{file}` names a path that a bundle cannot contain; move the file next to the graph"
+                "`{field}` in `{file}` names a path that must change in the bundle, but `{file}` is not in \
+                 the folder of the graph; move `{file}` there"
             );
             return Err(BundleError::Refused(what));
         }
@@ -214,8 +216,10 @@ impl Places {
         edits.dedup();
         if let Some(pair) = edits.windows(2).find(|pair| pair[0].0 == pair[1].0) {
             let field = &graph.source.text[pair[0].0.clone()];
-            let what =
-                format!("`{field}` names files outside the folder of the graph; move them next to the graph");
+            let what = format!(
+                "`{field}` names files that would get several different paths in the bundle; move them into the \
+                 folder of the graph"
+            );
             return Err(BundleError::Refused(what));
         }
         Ok(graph.source.pack(&edits))

@@ -71,8 +71,8 @@ impl<R: Read + Seek> Bundle<R> {
         Ok(())
     }
 
-    /// Copies records and values into a store, which then trusts them. Only for temporary stores, or if the author
-    /// of the bundle is trusted.
+    /// Copies records and values into a store. Later runs with this store use them without a check. Only for
+    /// temporary stores, or if the author of the bundle is trusted.
     ///
     /// # Errors
     /// If the bundle is invalid or the store cannot be written.
@@ -107,7 +107,7 @@ impl<R: Read + Seek> Bundle<R> {
     /// The text of the graph.
     ///
     /// # Errors
-    /// If it is missing or is not text.
+    /// If the graph is missing from the bundle or is not valid UTF-8.
     pub fn graph_text(&mut self) -> Result<String, BundleError> {
         self.text(GRAPH)
     }
@@ -115,7 +115,7 @@ impl<R: Read + Seek> Bundle<R> {
     /// The text of the lock.
     ///
     /// # Errors
-    /// If it is missing or is not text.
+    /// If the lock is missing from the bundle or is not valid UTF-8.
     pub fn lock_text(&mut self) -> Result<String, BundleError> {
         self.text(LOCK)
     }

@@ -66,7 +66,7 @@ pub enum Verdict {
 pub struct Verified {
     /// The recomputed nodes, in the order of the graph.
     pub nodes: Vec<(String, Verdict)>,
-    /// Number of nodes that could have been chosen.
+    /// Number of nodes with a known result, from which the recomputed nodes were chosen.
     pub known: usize,
     /// Kinds, source files and results that differ from the lock.
     pub differences: Vec<String>,
@@ -187,7 +187,7 @@ fn verdict(ports: &[PortSpec], [claimed, made]: [(&Engine, &Record); 2]) -> Verd
     Verdict::Differs { output: port.name.to_owned(), difference }
 }
 
-/// The nodes to recompute: those for which the hash of seed and node name is lowest.
+/// The nodes to recompute. These are the nodes with the lowest hashes of seed and node name.
 fn chosen(graph: &Graph, known: impl Iterator<Item = usize>, options: &VerifyOptions<'_>) -> BTreeSet<usize> {
     let rank = |index: usize| {
         *Digest::of(format!("{} {}", options.seed, graph.nodes[index].id).as_bytes()).as_bytes()
