@@ -15,7 +15,7 @@ const MAX_PAGES: usize = 512;
 #[derive(Debug, Default)]
 pub(crate) struct PageCache {
     pages: BTreeMap<u64, Vec<u8>>,
-    /// The bytes of the last range that was read across several pages.
+    /// The bytes of the most recently read range that spans several pages.
     joined: Vec<u8>,
 }
 

@@ -11,12 +11,12 @@ use crate::plot::tick_text;
 struct Skip {
     what: &'static str,
     check: &'static str,
-    /// How to force the work, in words.
+    /// How the user can force the work to be done, in words.
     force: &'static str,
     /// Names of the kinds that perform the check.
     kinds: &'static [&'static str],
-    /// Function that returns whether the work was skipped, and the result of the check in words. Returns `None` if
-    /// the node did not perform the check.
+    /// Function that returns true if the work was skipped, and the result of the check in words. It returns `None`
+    /// if the node did not perform the check.
     judge: fn(&Evidence<'_>) -> Option<(bool, String)>,
 }
 
@@ -27,13 +27,13 @@ pub struct LeftOut {
     pub what: &'static str,
     /// Names of the nodes with this result.
     pub nodes: Vec<String>,
-    /// True if the work was skipped; `None` if there was nothing to check.
+    /// True if the work was skipped, false if the work was done, `None` if there was nothing to check.
     pub left_out: Option<bool>,
     /// The result of the check, in words.
     pub found: String,
     /// Description of the check.
     pub check: &'static str,
-    /// How to force the work, in words.
+    /// How the user can force the work to be done, in words.
     pub force: &'static str,
 }
 
@@ -65,7 +65,7 @@ impl Evidence<'_> {
         cells.collect()
     }
 
-    /// The value of the row `name` in a table with the columns `what` and `value`.
+    /// The value in the row `name` of the table `table`, whose columns are `what` and `value`.
     fn value(&self, table: &str, name: &str) -> Option<String> {
         let names = self.column(table, "what").into_iter().zip(self.column(table, "value"));
         names.into_iter().find_map(|(what, value)| match (what, value) {
@@ -124,7 +124,7 @@ const SKIPS: [Skip; 8] = [
             let shares = shares.filter_map(|cell| if let Cell::Number(n) = cell { Some(*n) } else { None });
             let shares: Vec<f64> = shares.collect();
             let texts: Vec<String> = shares.iter().map(|share| format!("{:.0} %", 100.0 * share)).collect();
-            let text = format!("{} of the chunks of the views", texts.join(", "));
+            let text = format!("share of chunks in each view: {}", texts.join(", "));
             (!shares.is_empty()).then(|| (shares.iter().any(|share| *share > 0.0), text))
         },
     },
@@ -206,14 +206,15 @@ pub fn left_out(nodes: &[NodeCost], reports: &[(String, Report)]) -> Vec<LeftOut
     all
 }
 
-/// Reports how many results several values of an axis share, in the same form as a check.
+/// Reports how many results are shared by several values of an axis. The report has the form of the result of a
+/// check.
 fn frames(nodes: &[NodeCost]) -> LeftOut {
     let varying = || nodes.iter().filter(|node| node.varies);
     let keys: BTreeSet<_> = varying().filter_map(|node| node.key).collect();
     let (all, fixed) = (varying().count(), nodes.len() - varying().count());
     let equal = varying().filter(|node| node.key.is_some()).count() - keys.len();
     let found = if all == 0 {
-        "no axis: there is one frame".to_owned()
+        "the graph has no axis, so there is only one frame".to_owned()
     } else {
         format!(
             "nodes that do not vary along an axis: {fixed}; other nodes: {all}, of which {equal} share the key of another node"

@@ -25,7 +25,7 @@ pub struct Rotations {
 }
 
 impl Rotations {
-    /// The rotations of tokens at these places. `axes` contains the number of channels of a head that are rotated
+    /// The rotations of tokens at these places. `axes` contains the numbers of channels per head that are rotated
     /// by the frame, the row and the column, respectively.
     pub fn new(places: &[Place], axes: [usize; 3], device: &Device) -> Result<Self> {
         const BASE: f64 = 10_000.0;
