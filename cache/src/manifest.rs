@@ -51,7 +51,7 @@ pub struct Line {
 
 /// The value of a field. Values are printed as in a graph file, and digests as their first 12 digits.
 #[derive(Clone, Debug, PartialEq)]
-#[allow(missing_docs, reason = "the names are those of the types")]
+#[allow(missing_docs, reason = "each variant has the name of its type")]
 pub enum Value {
     Str(String),
     U64(u64),

@@ -169,7 +169,11 @@ mod tests {
         }
         for (most, complete) in [(23, false), (24, true)] {
             let found = below(&knobs, &[], 100.0, most, |a| Some((cost(a), 0.5))).unwrap();
-            assert_eq!((found.all.len(), found.complete), (most, complete), "there are 24");
+            assert_eq!(
+                (found.all.len(), found.complete),
+                (most, complete),
+                "24 positions cost less than the bound"
+            );
         }
         // Known positions that cost less than the bound are included as well. This test fails if `all` contains
         // only positions in `measured`.
@@ -227,6 +231,6 @@ mod tests {
         let cost = |a: &[usize]| [50.0, 70.0, 8.0][a[0]] + 4.0 * a[1] as f64;
         let found = below(&knobs, &[], 10.0, 30, |a| Some((cost(a), 0.5))).unwrap();
         assert_eq!((found.least.assignment.as_slice(), found.all.len()), ([2, 0].as_slice(), 1));
-        assert_eq!(found.saved.pairs, 1, "methods tell nothing of each other");
+        assert_eq!(found.saved.pairs, 1, "positions with different methods form no pair");
     }
 }

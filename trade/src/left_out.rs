@@ -81,7 +81,7 @@ const TRACE: &[&str] = &["path-trace"];
 const SKIPS: [Skip; 8] = [
     Skip {
         what: "the prediction of clipped light",
-        check: "no seen pixel of the panorama is clipped",
+        check: "no visible pixel of the panorama is clipped",
         force: "`--exhaustive`",
         kinds: &["predict-exposure"],
         judge: |seen| {
@@ -93,7 +93,7 @@ const SKIPS: [Skip; 8] = [
         },
     },
     Skip {
-        what: "separation of the receiver from the light that it emits",
+        what: "removal of the receiver's own emission from the light",
         check: "the light has no capture point, or the receiver covers less than a quarter of the view from that point; otherwise `surroundings` decides",
         force: "`surroundings: Projected`, or any other value except `Open`",
         kinds: TRACE,
@@ -105,8 +105,8 @@ const SKIPS: [Skip; 8] = [
         },
     },
     Skip {
-        what: "the second render where objects hardly change the light",
-        check: "an upper bound on the light that objects block, emit and reflect",
+        what: "the second render, in regions where objects hardly change the light",
+        check: "an upper bound on the light that objects block, emit and reflect is small enough",
         force: "`crop: 0`",
         kinds: TRACE,
         judge: |seen| match seen.note("cropped") {
@@ -115,7 +115,7 @@ const SKIPS: [Skip; 8] = [
         },
     },
     Skip {
-        what: "rays where objects change nothing",
+        what: "rays in regions where objects change nothing",
         check: "no path of a chunk of pixels meets an object",
         force: "it cannot be forced; the expected picture does not depend on it",
         kinds: TRACE,
@@ -129,19 +129,22 @@ const SKIPS: [Skip; 8] = [
         },
     },
     Skip {
-        what: "spherical harmonics above degree 0, and view directions for them",
-        check: "the degree of the spherical harmonics of the scene, and `sh_degree`",
+        what: "evaluation of spherical harmonics above degree 0",
+        check: "the degree of the scene or `sh_degree` is 0",
         force: "`--exhaustive`",
         kinds: SPLATS,
         judge: |seen| {
             let [directed, projected] = ["splats_directed", "splats_projected"].map(|name| seen.count(name));
-            let text = format!("splats that need them: {} of {}", directed, projected);
+            let text = format!(
+                "splats whose harmonics above degree 0 were evaluated: {} of {}",
+                directed, projected
+            );
             (projected > 0).then_some((directed == 0, text))
         },
     },
     Skip {
-        what: "lobes that no material has",
-        check: "the strength of each lobe, with its texture applied",
+        what: "material lobes that no material uses",
+        check: "the strength of the lobe is 0 in every material, after its texture is applied",
         force: "`--exhaustive`",
         kinds: TRACE,
         judge: |seen| {
@@ -155,13 +158,17 @@ const SKIPS: [Skip; 8] = [
     },
     Skip {
         what: "blocks of splats that no picture can show",
-        check: "a box around the centres and longest axes of the splats of a block",
+        check: "a box around the splats of the block is outside every view",
         force: "`--exhaustive`",
         kinds: SPLATS,
         judge: |seen| {
             let [skipped, visited] = ["splats_skipped", "splats_visited"].map(|name| seen.count(name));
             let all = (skipped + visited) as f64;
-            let text = format!("{:.0} % of {} splats", 100.0 * skipped as f64 / all.max(1.0), tick_text(all));
+            let text = format!(
+                "{:.0} % of {} splats were skipped",
+                100.0 * skipped as f64 / all.max(1.0),
+                tick_text(all)
+            );
             (all > 0.0).then_some((skipped > 0, text))
         },
     },
@@ -217,11 +224,11 @@ fn frames(nodes: &[NodeCost]) -> LeftOut {
         "the graph has no axis, so there is only one frame".to_owned()
     } else {
         format!(
-            "nodes that do not vary along an axis: {fixed}; other nodes: {all}, of which {equal} share the key of another node"
+            "nodes that do not vary along an axis: {fixed}; other nodes: {all}; repeated keys among the other nodes: {equal}"
         )
     };
     LeftOut {
-        what: "light and pictures that frames share",
+        what: "repeated computation of light and pictures that several frames share",
         nodes: Vec::new(),
         left_out: (all > 0).then_some(fixed + equal > 0),
         found,
@@ -293,9 +300,12 @@ mod tests {
         assert_eq!(rows[4].nodes, ["faces", "view"], "what found the same stands together");
         assert_eq!(
             (rows[4].left_out, rows[4].found.as_str()),
-            (Some(true), "splats that need them: 0 of 10")
+            (Some(true), "splats whose harmonics above degree 0 were evaluated: 0 of 10")
         );
-        assert_eq!((rows[6].left_out, rows[6].found.as_str()), (Some(true), "70 % of 100 splats"));
+        assert_eq!(
+            (rows[6].left_out, rows[6].found.as_str()),
+            (Some(true), "70 % of 100 splats were skipped")
+        );
 
         let trace = node("trace", "path-trace");
         let lobes =
@@ -350,7 +360,7 @@ mod tests {
         assert_eq!(found.left_out, Some(true));
         assert_eq!(
             found.found,
-            "nodes that do not vary along an axis: 1; other nodes: 3, of which 1 share the key of another node"
+            "nodes that do not vary along an axis: 1; other nodes: 3; repeated keys among the other nodes: 1"
         );
     }
 }

@@ -278,7 +278,7 @@ fn none_below_half(metric: &Metric, half: &Below) -> String {
         None => {
             let cost = tick_text(half.least.cost);
             format!(
-                "no setting costs less than half of that, since the cost is {cost} even with every knob at its minimum"
+                "no setting was found at less than half of that cost: even with every knob at its minimum, the cost is {cost}"
             )
         }
     };
