@@ -24,7 +24,7 @@ use crate::temp::{TempFile, remove_stale_files};
 
 const DAY_SECONDS: u64 = 24 * 60 * 60;
 
-/// The maximum number of memos in memory. When it is reached, they are written to the log.
+/// The maximum number of memos that are only in memory. When this number is reached, they are written to the log.
 const MAX_PENDING_MEMOS: usize = 4096;
 
 /// The maximum length of a value in a history table, in bytes.

@@ -153,7 +153,7 @@ impl Log {
         Ok(all.filter(|((found, _), _)| *found == kind).map(|((_, key), _)| key).collect())
     }
 
-    /// Every entry, sorted by key and then by kind.
+    /// The identity and location of every valid entry, sorted by key and then by kind.
     fn all(&mut self) -> Result<Vec<(EntryId, Location)>> {
         let mut all = match self.index.as_mut().map(Index::all) {
             None => Vec::new(),
@@ -214,7 +214,7 @@ impl Log {
         std::mem::take(&mut self.unreported)
     }
 
-    /// Reads what other processes appended since the last call. Returns whether there were new bytes.
+    /// Reads what other processes have appended since the last call. Returns true if there were new bytes.
     pub fn refresh(&mut self) -> Result<bool> {
         if self.is_current()? {
             return Ok(false);

@@ -1,5 +1,6 @@
-//! Editing of a picture. First, the picture is encoded to latents. Then noise is turned step by step into new
-//! latents, with the latents of the picture as a condition. Finally, the new latents are decoded.
+//! Editing of a picture. First, the picture is encoded to latents. Then noise is converted to new latents in
+//! several steps, with the latents of the picture as a second input. Finally, the new latents are decoded to a
+//! picture.
 
 use std::path::PathBuf;
 

@@ -49,7 +49,7 @@ impl Layout {
     }
 }
 
-/// The modules of `diffusers` that correspond to a module in the names of the authors.
+/// The modules of `diffusers` that correspond to the part that the authors call `module`.
 fn diffusers(module: &str) -> Pieces {
     let whole = |name: String| Pieces { modules: vec![name], swapped: false };
     let several = |block: &str, parts: &[&str]| Pieces {
