@@ -169,8 +169,8 @@ impl Blobs {
         Ok(())
     }
 
-    /// Syncs all blobs that were stored since the last call to the disk. Does nothing if the policy is
-    /// [`Fsync::Off`].
+    /// Makes sure that all blobs that were stored since the last call survive a loss of power. Does nothing if the
+    /// policy is [`Fsync::Off`].
     pub fn sync(&self) -> Result<()> {
         match self {
             Blobs::Memory(_) | Blobs::Nowhere => Ok(()),

@@ -24,7 +24,7 @@ fn key(n: u8) -> Digest {
 
 const ROUNDS: u8 = 6;
 
-/// Performs each operation of the store at least once, and logs the operations that succeeded in a file.
+/// Performs each operation of the store at least once, and writes the names of the successful operations to a file.
 fn work(folder: &Path) -> Result<()> {
     let mut acknowledged = OpenOptions::new().create(true).append(true).open(folder.join("log")).unwrap();
     // Each line is written in one call, so that a kill leaves no incomplete line.

@@ -31,7 +31,8 @@ const MIN_UNINDEXED: u64 = 64 << 10;
 /// the lock detects whether a compaction replaced the file in the meantime.
 const LOCK_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Maximum number of attempts to append entries. An attempt fails if a compaction replaces the file during it.
+/// Maximum number of attempts to append entries. An attempt fails if a compaction replaces the file in the
+/// meantime.
 const APPEND_ATTEMPTS: usize = 5;
 
 impl Log {

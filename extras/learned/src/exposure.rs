@@ -13,14 +13,14 @@ pub struct Examples {
     pub count: usize,
     /// Number of clipped cells per panorama.
     pub cells: usize,
-    /// Features of each panorama as a whole.
+    /// Features that describe each panorama as a whole.
     pub overview: Vec<f32>,
     /// Features of each cell.
     pub features: Vec<f32>,
-    /// Natural logarithm of the visible flux of each cell times the number of cells that it stands for; -1e9 for an
-    /// added cell.
+    /// For each cell, the natural logarithm of the product of its visible flux and the number of cells that it
+    /// stands for; -1e9 for an added cell.
     pub log_flux: Vec<f32>,
-    /// Hidden flux of each cell times the number of cells that it stands for.
+    /// Hidden flux of each cell, multiplied by the number of cells that it stands for.
     pub hidden: Vec<f32>,
     /// Cosine of the angle between the cell's direction and the normal of the plane on which contrast is measured,
     /// for cells near the dominant light; 0 for other cells.

@@ -86,8 +86,8 @@ impl Transformer {
     }
 }
 
-/// Computes the gradients with respect to the inputs and variables of a block. `outputs` contains pairs of an
-/// output of the block and the gradient of the loss with respect to this output.
+/// Computes the gradients with respect to the inputs and variables of a block. `outputs` pairs each output of the
+/// block with the gradient of the loss with respect to this output.
 fn back(outputs: &[(&Tensor, &Tensor)]) -> Result<GradStore> {
     let mut sum = Tensor::zeros((), outputs[0].0.dtype(), outputs[0].0.device())?;
     for (output, gradient) in outputs {

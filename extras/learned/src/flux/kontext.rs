@@ -64,7 +64,7 @@ pub struct Kontext {
 }
 
 impl Kontext {
-    /// Loads all files. `dtype` is the number type of the transformer's computation.
+    /// Loads all files. `dtype` is the number type in which the transformer computes.
     pub fn load(files: &Files, device: &Device, dtype: DType) -> Result<Self> {
         // Small files are read first, so that errors in them are reported before 24 GB are read.
         let source = Source::open(&files.transformer)?;
