@@ -169,7 +169,8 @@ impl Blobs {
         Ok(())
     }
 
-    /// Forces everything stored since the last call onto the disk.
+    /// Makes sure that all blobs that were stored since the last call survive a loss of power. Does nothing if the
+    /// policy is [`Fsync::Off`].
     pub fn sync(&self) -> Result<()> {
         match self {
             Blobs::Memory(_) | Blobs::Nowhere => Ok(()),
@@ -243,8 +244,8 @@ impl Disk {
         Ok(None)
     }
 
-    /// Sets the modification time of a blob's file to the present, at most once a day. A collection takes this time
-    /// as the last use of the blob.
+    /// Sets the modification time of a blob's file to the current time, at most once a day. A collection uses the
+    /// modification time as the time of the last use of the blob.
     fn mark_used(&self, path: &Path, read: &Metadata) {
         let now = SystemTime::now();
         let fresh = read.modified().is_ok_and(|time| now.duration_since(time).is_ok_and(|past| past < DAY));
@@ -300,8 +301,8 @@ impl Disk {
         lock(&self.small).as_mut().map_or(Ok(()), Log::sync)
     }
 
-    /// Moves a damaged blob to the quarantine. If that fails, removes it or, failing that, marks it as damaged in
-    /// memory. Returns a description of the damage, given by `what`, and of the action taken.
+    /// Moves a damaged blob to the quarantine. If this fails, removes the blob. If this fails too, adds the digest
+    /// to `bad`. Returns a description that consists of the path, `what`, and the action taken.
     fn quarantine(&self, digest: &Digest, path: &Path, what: &str) -> Result<Incident> {
         reach(failpoint::QUARANTINE_BEFORE).at("quarantine", path)?;
         let aside = self.settings.quarantine.join(digest.to_string());
@@ -331,8 +332,8 @@ impl Disk {
         act(small.insert(log))
     }
 
-    /// The path of a blob's file. The first two digits of the digest name the folder, so that no folder has too
-    /// many entries.
+    /// The path of a blob's file. The name of the folder is the first two digits of the digest, so that no folder
+    /// has too many entries.
     fn path(&self, digest: &Digest) -> PathBuf {
         let name = digest.to_string();
         self.root.join("blobs").join(&name[..2]).join(name)

@@ -67,7 +67,7 @@ impl fmt::Debug for Digest {
     }
 }
 
-/// Hashes everything written to it, so that the output of an encoder can be hashed without keeping it.
+/// A writer that hashes the bytes written to it and does not store them.
 #[derive(Clone, Debug, Default)]
 pub struct DigestWriter {
     hasher: blake3::Hasher,

@@ -3,7 +3,7 @@
 
 use crate::digest::Digest;
 
-/// The length of the fields before the payload, in bytes.
+/// The length in bytes of the fields that precede the payload of an entry.
 pub(crate) const HEAD: usize = 64;
 
 /// The maximum length of a payload in bytes. An entry that claims a greater length is treated as damaged, so that a
@@ -40,7 +40,7 @@ impl Entry<'_> {
     }
 }
 
-/// The entry that starts at the first byte; `None` if it is incomplete or damaged.
+/// Decodes the entry at the start of `bytes`. Returns `None` if the entry is incomplete or damaged.
 pub(crate) fn decode(salt: u32, bytes: &[u8]) -> Option<Entry<'_>> {
     let head = bytes.first_chunk::<HEAD>()?;
     let payload = bytes.get(HEAD..length_in(salt, head)?)?;
@@ -71,8 +71,8 @@ pub(crate) struct Scanned {
     pub damaged: usize,
 }
 
-/// Calls `found` for every complete entry in `bytes`, with the entry's offset. Damage loses only the entries that
-/// contain it.
+/// Calls `found` for every complete entry in `bytes`, with the entry's offset. Damage to the file affects only the
+/// entries that contain the damaged bytes.
 pub(crate) fn scan<'a>(salt: u32, bytes: &'a [u8], mut found: impl FnMut(usize, Entry<'a>)) -> Scanned {
     let (mut at, mut end, mut torn, mut damaged) = (0, 0, 0, 0);
     while at < bytes.len() {

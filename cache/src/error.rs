@@ -1,4 +1,5 @@
-//! [`Error`]: the error of an operation on a cache folder. Errors of the system include the operation and the path.
+//! [`Error`]: the error of an operation on a cache folder. Errors of the operating system include the operation and
+//! the path.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -14,7 +15,7 @@ pub enum Error {
         operation: &'static str,
         /// The file or folder.
         path: PathBuf,
-        /// The error of the system.
+        /// The error that the operating system reported.
         source: io::Error,
     },
     /// The system reported an error.
@@ -24,7 +25,7 @@ pub enum Error {
         operation: &'static str,
         /// The file or folder.
         path: PathBuf,
-        /// The error of the system.
+        /// The error that the operating system reported.
         source: io::Error,
     },
     /// A record is too long to be stored as an entry of the log.
@@ -35,10 +36,10 @@ pub enum Error {
         /// The maximum length in bytes.
         limit: usize,
     },
-    /// The collection waited for active runs, but they did not end in time.
+    /// A collection could not start, because a run was still active when the timeout expired.
     #[error("the cache is in use: a run is active and did not end within {} s", waited.as_secs())]
     InUse {
-        /// Time that the collection waited.
+        /// The time for which the collection waited.
         waited: std::time::Duration,
     },
     /// The path to be published is not a regular file but, for example, a folder or a device.

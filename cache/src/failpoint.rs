@@ -1,8 +1,8 @@
 //! Failpoints: named places at which a test can stop the process or simulate a disk error.
 //!
-//! They are active only with the feature `failpoints`; without it, `reach` is an empty inlined function. If the
-//! environment variable `LIGHTHARMONY_FAILPOINT` is `name:count`, the process is aborted when the place `name` is
-//! reached for the `count`-th time (like `kill -9`, without destructors). Counting starts at 1 and includes all
+//! They are active only if the feature `failpoints` is enabled; otherwise, `reach` is an empty inlined function. If
+//! the environment variable `LIGHTHARMONY_FAILPOINT` is `name:count`, the process is aborted when the place `name`
+//! is reached for the `count`-th time (like `kill -9`, without destructors). Counting starts at 1 and includes all
 //! threads. With `name:count:error`, the place returns an I/O error instead, and with `name:count:full`, the error
 //! of a full disk.
 
@@ -97,9 +97,9 @@ pub(crate) const QUARANTINE_BEFORE: &str = "quarantine.before";
 pub(crate) const QUARANTINE_AFTER: &str = "quarantine.after";
 pub(crate) const LEASE_ACQUIRED: &str = "lease.acquired";
 pub(crate) const LEASE_UNLINKED: &str = "lease.unlinked";
-/// The place where a collection has removed records, but no blob yet.
+/// The place at which a collection has removed all records that it removes, but no blob yet.
 pub(crate) const GC_RECORDS_GONE: &str = "gc.records-gone";
-/// The place where a collection has removed one blob, but not yet the others.
+/// The place at which a collection has removed one blob, but not the remaining ones yet.
 pub(crate) const GC_BLOB_GONE: &str = "gc.blob-gone";
 
 /// Does nothing: failpoints are disabled.

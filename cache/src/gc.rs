@@ -1,9 +1,9 @@
 //! Garbage collection: the least recently used results are removed first, until the cache is small enough.
 //!
 //! A record is kept or removed together with the blobs that it names. A blob that several records name is removed
-//! with the last of these records. A record counts as used when a graph with the record in its history table is
-//! run, and when a blob that only this record names is read. If other records name all of its blobs as well,
-//! reading any of these blobs counts. Reads of small blobs are not recorded.
+//! with the last of these records. Two events count as a use of a record: a run of a graph whose history table
+//! lists the record, and a read of a blob that no other record names. If all blobs of a record are also named by
+//! other records, a read of any of them counts. Reads of small blobs are not recorded.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -32,7 +32,7 @@ pub struct Limits {
     pub max_size: Option<u64>,
     /// The maximum time since the last use of a result; `None` for no limit.
     pub max_age: Option<Duration>,
-    /// True to only report what would be removed.
+    /// True to remove nothing and only report what would be removed.
     pub dry_run: bool,
 }
 
@@ -85,7 +85,7 @@ impl Store {
     /// cache stays valid if a collection is killed.
     ///
     /// # Errors
-    /// [`Error::InUse`] if a run is active for longer than `timeout`, and errors of the system.
+    /// [`Error::InUse`] if a run is still active after `timeout`, and errors of the operating system.
     pub fn collect(&self, limits: &Limits, names: Names<'_>, timeout: Duration) -> Result<Collected> {
         let Some(root) = self.folder().filter(|_| limits.dry_run || !self.is_read_only()) else {
             return Ok(Collected::default());

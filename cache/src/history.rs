@@ -146,8 +146,8 @@ fn hash(name: &[u8]) -> u64 {
         .fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(*byte)).wrapping_mul(0x100_0000_01b3))
 }
 
-/// Seconds from 1970 to `time`; 0 for earlier times. A time in the future is replaced with the present, so that a
-/// wrong clock does not keep results longer.
+/// Seconds from 1970 to `time`; 0 for earlier times. A time in the future is replaced with the current time, so
+/// that a wrong clock does not cause results to be kept longer.
 pub(crate) fn seconds(time: SystemTime) -> u64 {
     let now = SystemTime::now();
     time.min(now).duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs())

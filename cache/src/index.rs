@@ -147,7 +147,7 @@ impl Index {
         Ok(None)
     }
 
-    /// Every entry, sorted by key and then by kind.
+    /// The identity and location of every indexed entry, sorted by key and then by kind.
     pub fn all(&mut self) -> Result<Vec<(EntryId, Location)>, Damaged> {
         let mut all = Vec::new();
         for page in 0..self.pages.len() {

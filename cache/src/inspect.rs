@@ -13,7 +13,7 @@ use crate::store::Store;
 /// The contents of a cache folder; sizes are in bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Stat {
-    /// The size of all files.
+    /// The total size of all files in the folder.
     pub bytes: u64,
     /// The number of records.
     pub records: usize,
@@ -29,7 +29,7 @@ pub struct Stat {
     pub log_bytes: u64,
     /// The size of those entries in the logs that were replaced or removed. Compaction frees this space.
     pub dead_bytes: u64,
-    /// The size of the quarantine.
+    /// The total size of the files in the quarantine.
     pub quarantine_bytes: u64,
 }
 

@@ -53,7 +53,7 @@ impl KeyWriter {
         KeyWriter::in_memory_of(Vec::with_capacity(512), tag)
     }
 
-    /// Like [`new`](Self::new), but reuses memory from [`Manifest::into_bytes`].
+    /// Like [`new`](Self::new), but reuses the memory of `encoding`, which comes from [`Manifest::into_bytes`].
     pub fn in_memory_of(mut encoding: Vec<u8>, tag: &str) -> KeyWriter {
         encoding.clear();
         let mut writer = KeyWriter { encoding, refused: false };
@@ -113,8 +113,8 @@ impl KeyWriter {
         self.encoding.push(u8::from(value));
     }
 
-    /// Writes a short sequence of opaque bytes. For long content write its digest instead, since the manifest
-    /// contains all bytes given here.
+    /// Writes a short sequence of bytes. For long content, write its digest instead, since the manifest contains
+    /// every byte that is written here.
     pub fn bytes(&mut self, name: &str, value: &[u8]) {
         self.field(tag::BYTES, name);
         write_length(&mut self.encoding, value.len());

@@ -1,8 +1,8 @@
-//! One file per graph that contains the results of all lookups of the graph's last run. The next run reads this
+//! Stored results of all lookups of a graph's last run, in one file per graph. The next run of the graph reads this
 //! file instead of searching for each record.
 //!
-//! The file only saves time. If it is missing, damaged, or from another run, it is ignored. Every collection and
-//! every repair removes all of these files, so that they never name a record that was removed.
+//! The file only saves time. If it is missing or damaged, or belongs to another run, it is ignored. Every
+//! collection and every repair removes all of these files, so that they never name a record that was removed.
 
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -51,7 +51,7 @@ pub struct Line {
 
 /// The value of a field. Values are printed as in a graph file, and digests as their first 12 digits.
 #[derive(Clone, Debug, PartialEq)]
-#[allow(missing_docs, reason = "the names are those of the types")]
+#[allow(missing_docs, reason = "each variant has the name of its type")]
 pub enum Value {
     Str(String),
     U64(u64),
@@ -67,7 +67,7 @@ pub enum Value {
 /// `None`).
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Change {
-    /// The path, as in [`Line::path`].
+    /// The path of the field, in the format of [`Line::path`].
     pub path: String,
     /// The value in the old manifest.
     pub old: Option<String>,
@@ -223,7 +223,7 @@ impl fmt::Display for Value {
     }
 }
 
-/// Appends a name to a path. The name is quoted if it contains characters with a meaning in paths.
+/// Appends a name to a path. The name is quoted if it contains characters that have a special meaning in paths.
 fn push_name(path: &mut String, name: &str) {
     if !path.is_empty() {
         path.push('.');

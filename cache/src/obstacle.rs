@@ -41,7 +41,8 @@ pub(crate) enum Expected {
     Folder,
 }
 
-/// Moves the object at `path` to the quarantine of `root` unless it is of the type `expected`.
+/// If there is an object at `path` that is not of the type `expected`, moves it to the quarantine of `root` and
+/// returns a report.
 pub(crate) fn clear(root: &Path, path: &Path, expected: Expected) -> Option<Incident> {
     let (name, right): (_, fn(&fs::Metadata) -> bool) = match expected {
         Expected::File => ("file", fs::Metadata::is_file),

@@ -15,13 +15,13 @@ const MAX_PAGES: usize = 512;
 #[derive(Debug, Default)]
 pub(crate) struct PageCache {
     pages: BTreeMap<u64, Vec<u8>>,
-    /// The bytes of the last range that was read across several pages.
+    /// The bytes of the most recently read range that spans several pages.
     joined: Vec<u8>,
 }
 
 impl PageCache {
-    /// Returns `length` bytes at `offset`. Returns fewer bytes if the range extends beyond `end` or the end of the
-    /// file.
+    /// Returns `length` bytes at `offset`, or fewer bytes if the file ends earlier. Bytes at or after `end` may be
+    /// missing.
     pub fn read(&mut self, file: &File, end: u64, offset: u64, length: usize) -> io::Result<&[u8]> {
         let page = offset / PAGE as u64;
         let at = (offset % PAGE as u64) as usize;

@@ -13,8 +13,8 @@ use crate::temp::{TempFile, remove_stale_files, sync_folder};
 /// new content survives a loss of power. A symbolic link at `path` is replaced, not followed.
 ///
 /// # Errors
-/// [`Error::NotAFile`] if the path is a folder, a device or a pipe; [`Error::Full`] and [`Error::Io`] otherwise.
-/// After an error, no temporary file remains.
+/// [`Error::NotAFile`] if the path is a folder, a device or a pipe; [`Error::Full`] or [`Error::Io`] for other
+/// errors. After an error, no temporary file remains.
 pub fn publish_file(path: &Path, bytes: &[u8]) -> Result<()> {
     publish_through(path, |to| to.write_all(bytes).at("write", path))
 }

@@ -8,7 +8,7 @@ use std::path::Path;
 /// Opens an existing regular file; links are followed.
 ///
 /// # Errors
-/// [`io::ErrorKind::InvalidInput`] for a folder, a pipe or a device, else the error of the system.
+/// [`io::ErrorKind::InvalidInput`] for a folder, a pipe or a device; otherwise, the error of the operating system.
 pub(crate) fn open(path: &Path, options: &OpenOptions) -> io::Result<File> {
     if !fs::metadata(path)?.is_file() {
         return Err(io::Error::new(io::ErrorKind::InvalidInput, "not a regular file"));
@@ -49,7 +49,7 @@ pub(crate) fn read(path: &Path) -> io::Result<Vec<u8>> {
 /// The metadata of the regular file at `path`, following links; `None` if there is no regular file.
 ///
 /// # Errors
-/// Errors of the system, such as missing permission.
+/// Errors of the operating system, such as missing permission.
 pub(crate) fn metadata(path: &Path) -> io::Result<Option<Metadata>> {
     match fs::metadata(path) {
         Ok(metadata) => Ok(Some(metadata).filter(Metadata::is_file)),

@@ -24,13 +24,13 @@ use crate::temp::{TempFile, remove_stale_files};
 
 const DAY_SECONDS: u64 = 24 * 60 * 60;
 
-/// The maximum number of memos in memory. When it is reached, they are written to the log.
+/// The maximum number of memos that are only in memory. When this number is reached, they are written to the log.
 const MAX_PENDING_MEMOS: usize = 4096;
 
 /// The maximum length of a value in a history table, in bytes.
 const MAX_VALUE: usize = 64 << 10;
 
-/// Marks a run as active until it is dropped; see [`Store::begin_run`].
+/// A guard that marks a run as active until the guard is dropped; see [`Store::begin_run`].
 #[must_use = "the run counts as ended when this is dropped"]
 pub struct Running(#[allow(dead_code, reason = "held until dropped")] Option<FileGuard>);
 
@@ -55,9 +55,9 @@ pub struct Store {
 
 impl Store {
     /// Opens the cache in `folder`, creating it if necessary. If the folder cannot be written or the disk is full,
-    /// the cache is opened read-only; see [`why_read_only`](Self::why_read_only). If it does not exist yet, it is
-    /// then empty. Anything of the wrong type at the path of a file or folder of the cache is moved to the
-    /// quarantine and reported as an [`Incident`].
+    /// the cache is opened read-only; see [`why_read_only`](Self::why_read_only). A cache that does not exist and
+    /// cannot be created is opened as an empty read-only cache. Anything of the wrong type at the path of a file or
+    /// folder of the cache is moved to the quarantine and reported as an [`Incident`].
     ///
     /// # Errors
     /// If `folder` is not a folder or cannot be read; see [`unavailable`](Self::unavailable).
@@ -211,7 +211,7 @@ impl Store {
     /// Stores `bytes` and returns their digest.
     ///
     /// # Errors
-    /// If it cannot be written: see [`Error`].
+    /// If the blob cannot be written: see [`Error`].
     pub fn put_blob(&self, bytes: &[u8]) -> Result<Digest> {
         let digest = Digest::of(bytes);
         self.put_blob_as(&digest, bytes)?;
@@ -222,7 +222,7 @@ impl Store {
     /// the blob is read.
     ///
     /// # Errors
-    /// If it cannot be written: see [`Error`].
+    /// If the blob cannot be written: see [`Error`].
     pub fn put_blob_as(&self, digest: &Digest, bytes: &[u8]) -> Result<()> {
         self.blobs.put(digest, bytes)
     }
@@ -249,7 +249,7 @@ impl Store {
     /// and is killed before it copies the record. The result is then computed again.
     ///
     /// # Errors
-    /// If it cannot be written, or is longer than 16 MiB: see [`Error`].
+    /// If the record cannot be written or is longer than 16 MiB: see [`Error`].
     pub fn put_record(&self, key: &Digest, payload: &[u8]) -> Result<()> {
         if self.is_read_only() {
             return Ok(());
@@ -276,7 +276,7 @@ impl Store {
         })
     }
 
-    /// Removes what is stored under `key`.
+    /// Removes the record that is stored under `key`.
     ///
     /// # Errors
     /// If the removal cannot be written: see [`Error`].
@@ -481,7 +481,8 @@ impl Drop for Store {
     }
 }
 
-/// The start of the current day (UTC) in seconds since 1970. The last use of results is recorded by day.
+/// The start of the current day (UTC) in seconds since 1970. For the last use of a result, only the day is
+/// recorded.
 pub fn today() -> u64 {
     seconds(SystemTime::now()) / DAY_SECONDS * DAY_SECONDS
 }

@@ -64,7 +64,7 @@ impl TempFile {
         self.write_all(bytes).at("write", &self.path)
     }
 
-    /// Forces the written bytes onto the disk.
+    /// Syncs the written bytes to the disk.
     pub fn sync(&self) -> Result<()> {
         self.file.sync_data().and_then(|()| reach(self.points.after_sync)).at("sync", &self.path)
     }
@@ -114,8 +114,8 @@ impl Drop for TempFile {
     }
 }
 
-/// Forces the names of the files in a folder onto the disk. Not every system supports this. Where it is not
-/// supported, a lost file is detected when it is read.
+/// Syncs a folder to the disk, so that the names of its files survive a loss of power. Not every system supports
+/// this. Where it is not supported, a lost file is detected when it is read.
 pub(crate) fn sync_folder(folder: &Path) {
     let _ = File::open(folder).and_then(|folder| folder.sync_all());
 }

@@ -24,7 +24,7 @@ fn key(n: u8) -> Digest {
 
 const ROUNDS: u8 = 6;
 
-/// Performs each operation of the store at least once, and writes the operations that succeeded to a file.
+/// Performs each operation of the store at least once, and writes the names of the successful operations to a file.
 fn work(folder: &Path) -> Result<()> {
     let mut acknowledged = OpenOptions::new().create(true).append(true).open(folder.join("log")).unwrap();
     // Each line is written in one call, so that a kill leaves no incomplete line.
@@ -81,7 +81,7 @@ fn child() {
     }
 }
 
-/// Runs a child process that stops at a failpoint. Returns whether the child process stopped.
+/// Runs a child process, with the given failpoint enabled. Returns true if the process did not end successfully.
 fn run(folder: &Path, failpoint: Option<&str>) -> bool {
     let mut command = Command::new(std::env::current_exe().unwrap());
     command.args(["--exact", "child", "--ignored", "--nocapture"]).env("CACHE_TEST_FOLDER", folder);

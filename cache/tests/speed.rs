@@ -1,5 +1,5 @@
-//! Measures the time that cache operations take. Run with `cargo test --release -p lightharmony-cache --test speed
-//! -- --ignored --nocapture`.
+//! Measures the time that cache operations take. To run the measurements, use `cargo test --release -p
+//! lightharmony-cache --test speed -- --ignored --nocapture`.
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "a measurement for people")]
 
 use std::time::Instant;

@@ -1,14 +1,14 @@
-//! Search for all settings that cost less than a bound. If not all of them may be measured, it finds as many as
-//! possible.
+//! Search for all settings that cost less than a bound. If the number of allowed measurements is too small for
+//! this, the search finds only some of these settings.
 
 use std::collections::BTreeSet;
 
 use crate::search::{Steps, Tried};
 
-/// Minimum margin for savings, as a share of the cost. Raising a knob may save work elsewhere, since light then
-/// takes other paths. The margin is at least this, and at least [`TIMES`] times the largest measured saving. The
-/// result is complete if raising knobs never saves more than the margin. Measurements support this assumption, but
-/// do not prove it.
+/// Minimum of the margin, which is the share of the cost that raising knobs is assumed to save at most. (Raising a
+/// knob may save work elsewhere, since light then takes other paths.) The margin is also at least [`TIMES`] times
+/// the largest measured saving. If raising knobs never saves more than the margin, the result is complete.
+/// Measurements support this assumption, but do not prove it.
 const MARGIN: f64 = 0.05;
 /// Minimum ratio of the margin to the largest measured saving.
 const TIMES: f64 = 2.0;
@@ -24,8 +24,8 @@ pub struct Below {
     /// True if `all` contains every setting that costs less than the bound, assuming that raising knobs saves no
     /// more than `margin`. False if there were more settings than may be measured, or if measuring ended early.
     pub complete: bool,
-    /// Maximum share of a position's cost that raising its knobs is assumed to save. If this holds, no unmeasured
-    /// position costs less than the bound.
+    /// Maximum share of a position's cost that raising its knobs is assumed to save. If this assumption holds and
+    /// `complete` is true, no unmeasured position costs less than the bound.
     pub margin: f64,
     /// Measured savings from raising knobs.
     pub saved: Saved,
@@ -58,11 +58,11 @@ impl Saved {
 }
 
 /// Finds all positions that cost less than `bound`. The search starts with every knob at its minimum and raises the
-/// knobs. For knobs whose values have no order, all values are tried. The search does not continue from a position
-/// if raising its knobs would have to save more than the margin to bring its cost below the bound. The margin is
-/// derived from the savings between all measured positions, including the `known` ones. At most `most` positions
-/// are measured. The neighbours of the positions with the smallest error are measured first. Returns `None` if
-/// measuring ended before the first position.
+/// knobs. For knobs whose values have no order, all values are tried. From a position at a cost above the bound,
+/// the search continues only if saving the margin, a share of this cost, would bring the cost below the bound. The
+/// margin is derived from the savings between all measured positions, including the `known` ones. At most `most`
+/// positions are measured. The neighbours of the positions with the smallest error are measured first. Returns
+/// `None` if measuring ended before the first position.
 pub fn below(
     knobs: &[Steps],
     known: &[Tried],
@@ -93,9 +93,10 @@ pub fn below(
     }
 }
 
-/// Measures positions, starting with every knob at its minimum. If the cost of a position minus the margin is below
-/// the bound, the positions with one knob raised by one value are measured as well. Returns the measured positions,
-/// and true if none of the positions to measure is missing.
+/// Measures positions, starting with every knob at its minimum. If the cost of a position, reduced by the share
+/// `margin`, is below the bound, the positions with one knob raised by one value are measured as well. A knob whose
+/// values have no order is raised in any case. Returns the measured positions, and true if every position that
+/// these rules select was measured.
 fn upwards(
     knobs: &[Steps],
     bound: f64,
@@ -168,7 +169,11 @@ mod tests {
         }
         for (most, complete) in [(23, false), (24, true)] {
             let found = below(&knobs, &[], 100.0, most, |a| Some((cost(a), 0.5))).unwrap();
-            assert_eq!((found.all.len(), found.complete), (most, complete), "there are 24");
+            assert_eq!(
+                (found.all.len(), found.complete),
+                (most, complete),
+                "24 positions cost less than the bound"
+            );
         }
         // Known positions that cost less than the bound are included as well. This test fails if `all` contains
         // only positions in `measured`.
@@ -226,6 +231,6 @@ mod tests {
         let cost = |a: &[usize]| [50.0, 70.0, 8.0][a[0]] + 4.0 * a[1] as f64;
         let found = below(&knobs, &[], 10.0, 30, |a| Some((cost(a), 0.5))).unwrap();
         assert_eq!((found.least.assignment.as_slice(), found.all.len()), ([2, 0].as_slice(), 1));
-        assert_eq!(found.saved.pairs, 1, "methods tell nothing of each other");
+        assert_eq!(found.saved.pairs, 1, "positions with different methods form no pair");
     }
 }

@@ -1,4 +1,5 @@
-//! Runs a graph at given settings of its knobs, and measures the cost of each run and the errors of its pictures.
+//! Runs a graph with given settings of its knobs, and measures the cost of each run and the errors of the resulting
+//! pictures.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -21,7 +22,7 @@ use crate::search::Steps;
 use crate::tunables::{Assignment, Tunable, same_nodes, tunables};
 use crate::work::work_of;
 
-/// The cost of running a node without a cache, from its last run.
+/// The cost that a node has without a cache, as measured when the node was last run.
 #[derive(Debug, Clone)]
 pub struct NodeCost {
     /// Name of the node.
@@ -30,9 +31,9 @@ pub struct NodeCost {
     pub kind: &'static str,
     /// Work of the node, in rays.
     pub work: f64,
-    /// Wall time of the node's code, in seconds, when it was run.
+    /// Wall time that the node's code took, in seconds.
     pub seconds: f64,
-    /// CPU time of the node's code, in seconds, when it was run.
+    /// CPU time that the node's code took, in seconds.
     pub cpu_seconds: f64,
     /// Deterministic counts of the operations that the node performed.
     pub counts: Counts,
@@ -61,7 +62,7 @@ pub struct Point {
 }
 
 impl Point {
-    /// Number of actions of a run. Nodes with equal keys count as one action.
+    /// Number of actions in the run. Nodes with equal keys count as one action.
     pub fn actions(&self) -> usize {
         self.nodes.iter().filter_map(|node| node.key).collect::<BTreeSet<_>>().len()
     }
@@ -211,9 +212,10 @@ impl<'e> Bench<'e> {
     }
 
     /// Leaves out pictures whose size is set by a knob. To find them, the preset `reference` is compared with
-    /// `draft`, the preset farthest from it. Must be called before a search: a knob that affects only a picture
-    /// that is not judged costs no measured error, so a search would lower it and make the picture worse. The
-    /// measured points are then discarded. Both presets are measured again later, and failures are reported then.
+    /// `draft`, the preset farthest from it. Afterwards, all measured points are discarded. Both presets are
+    /// measured again later, and failures are reported then. This function must be called before a search.
+    /// Otherwise, the search would lower knobs that affect only pictures that are not judged, since this increases
+    /// no measured error.
     pub fn leave_out_resized(&mut self) -> Result<(), Error> {
         if self.outputs.len() < 2 {
             return Ok(());
@@ -374,10 +376,10 @@ impl<'e> Bench<'e> {
             let linear = |output: &Output, _: &Images| output.space == Space::Linear;
             let cut = |output: &Output, images: &Images| output.space == Space::Display && is_bright(images);
             let remarks = [
-                reported(&cut, "light far above white is judged as white"),
+                reported(&cut, "light that is far brighter than white is judged as white"),
                 reported(
                     &linear,
-                    "only written to OpenEXR, and therefore judged in linear light, with HDR-FLIP",
+                    "only written to OpenEXR files and therefore judged in linear light, with HDR-FLIP",
                 ),
             ];
             remarks.into_iter().flatten().for_each(|text| self.remark(text));
@@ -385,7 +387,7 @@ impl<'e> Bench<'e> {
         let fits =
             |truth: &Truth| pictures.iter().enumerate().map(|(at, images)| !truth.fits(at, images)).collect();
         let resized: Vec<bool> = self.truth.as_ref().map(fits).unwrap_or_default();
-        self.leave_out(pictures, &resized, "has another size at other settings");
+        self.leave_out(pictures, &resized, "has a size that depends on the settings");
         if self.outputs.is_empty() {
             let why = "a knob sets the size of every picture, so there is nothing to compare";
             return Err(Miss::Failed(why.to_owned()));
@@ -395,7 +397,7 @@ impl<'e> Bench<'e> {
     }
 
     /// Marks pictures for which the metric cannot be computed. For example, HDR-FLIP cannot be computed for a
-    /// picture half of which is black. Marked pictures are not included in the error, but other metrics of them are
+    /// picture half of which is black. Marked pictures are not included in the error, but their other metrics are
     /// reported.
     fn mark_uncomputed(&mut self) -> Result<(), Miss> {
         let Some((truth, metric)) = self.truth.as_ref().zip(self.metric.clone()) else { return Ok(()) };
@@ -405,14 +407,14 @@ impl<'e> Bench<'e> {
         if let [Some(first), rest @ ..] = why.as_slice()
             && rest.iter().all(Option::is_some)
         {
-            let text = format!("{} cannot be computed for any picture here ({first})", metric.name);
+            let text = format!("{} cannot be computed for any of the pictures ({first})", metric.name);
             return Err(Miss::Failed(format!("{text}; {way_out}")));
         }
         let mut reported = Vec::new();
         for (output, why) in self.outputs.iter_mut().zip(why) {
             if let Some(why) = &why {
                 reported.push(format!(
-                    "`{}` is only written to OpenEXR, and therefore judged in linear light; {} cannot be computed for it there \
+                    "`{}` is only written to OpenEXR files and therefore judged in linear light; {} cannot be computed for this picture \
                      ({why}), so it is not included in the error",
                     output.name, metric.name
                 ));
@@ -426,7 +428,8 @@ impl<'e> Bench<'e> {
         Ok(())
     }
 
-    /// Stops judging the pictures for which `which` is true, and adds a remark with the reason `why`.
+    /// Stops judging the pictures for which `which` is true, and adds a remark with the reason `why` for each of
+    /// them.
     fn leave_out(&mut self, pictures: &mut Vec<Arc<Images>>, which: &[bool], why: &str) {
         for at in (0..which.len()).rev().filter(|at| which[*at]) {
             let Output { name, .. } = self.outputs.remove(at);
@@ -446,7 +449,7 @@ impl<'e> Bench<'e> {
         &self.remarks[reported..]
     }
 
-    /// The judged pictures from the last run of a graph.
+    /// The pictures to judge, as computed by the last run of `graph`.
     fn pictures(&self, graph: &Graph) -> Result<Vec<Arc<Images>>, Miss> {
         let value = |output: &Output| {
             let images = self.engine.value::<Images>(graph, output.wire).map(Arc::new);
@@ -488,13 +491,13 @@ impl<'e> Bench<'e> {
         reports
     }
 
-    /// The FLIP difference of each pixel between pictures and the reference, for each output. An error is the
-    /// reason why it was not computed.
+    /// For each output, the FLIP difference of each pixel between the picture in `pictures` and the reference, or
+    /// the error that prevented the comparison.
     pub fn flip_maps(&self, pictures: &[(String, Arc<Images>)]) -> Vec<Result<FlipMaps, NodeError>> {
         self.truth.as_ref().map(|truth| truth.flip_maps(&self.outputs, pictures)).unwrap_or_default()
     }
 
-    /// The names of the nodes with a tunable that has more than one value, in the order of the file.
+    /// The names of the nodes with a tunable that has more than one value, in the order of the graph file.
     pub fn nodes_with_knobs(&self) -> Vec<String> {
         let mut seen = BTreeSet::new();
         let names = self

@@ -25,7 +25,7 @@ impl Deadline {
         Self { end: Some(end), thread: Some(std::thread::spawn(wait)) }
     }
 
-    /// Stops waiting for the deadline. Returns true if the deadline has stopped the run.
+    /// Cancels the deadline. Returns true if the deadline had already stopped the run.
     pub fn end(mut self) -> bool {
         drop(self.end.take());
         self.thread.take().is_some_and(|thread| thread.join().unwrap_or(false))

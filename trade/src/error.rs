@@ -33,21 +33,21 @@ pub enum Error {
     },
     /// None of the selected nodes outputs a picture.
     #[error(
-        "none of the selected nodes outputs a picture, so there is nothing to compare; select one that does with `--only`"
+        "none of the selected nodes outputs a picture, so there is nothing to compare; use `--only` to select a node that outputs one"
     )]
     NoPicture,
-    /// No knob changes any of the pictures, whose names this variant contains.
+    /// No knob changes any of the pictures. The text contains their names.
     #[error(
         "no knob changes `{0}`, so every setting gives the same picture; `lightharmony knobs` lists the knobs, and the \
          graph's own `reference` preset may set any other field"
     )]
     NoKnob(String),
     /// The metric is not defined for these pictures.
-    #[error("`{metric}` cannot be computed for every picture here; it needs {needs}")]
+    #[error("`{metric}` cannot be computed for at least one of the pictures; it needs {needs}")]
     NotComputed {
         /// The metric, as the user wrote it.
         metric: String,
-        /// What the metric needs, in words.
+        /// Requirement of the metric, in words.
         needs: &'static str,
     },
     /// The graph cannot be measured at a setting.

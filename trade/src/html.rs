@@ -65,7 +65,7 @@ impl Page {
         self.body.push_str("</dl>\n");
     }
 
-    /// Adds a table. Columns with text are aligned to the left, columns with numbers to the right.
+    /// Adds a table. Columns of text are aligned to the left, and columns of numbers to the right.
     pub fn table(&mut self, columns: &[&str], rows: &[Vec<String>]) {
         let class = |column: usize| {
             let mut cells = rows.iter().filter_map(|row| row.get(column)).filter(|cell| !cell.is_empty());
@@ -152,7 +152,7 @@ fn marked(text: &str) -> String {
     parts.iter().enumerate().map(part).collect()
 }
 
-/// True if a cell contains a number, such as `1.2 M` or `40 dB`, or a text in place of a number, such as `not
+/// True if a cell contains a number, such as `1.2 M` or `40 dB`, or a text that replaces a number, such as `not
 /// computed`.
 fn is_number(cell: &str) -> bool {
     let (first, rest) = cell.split_once(' ').unwrap_or((cell, ""));

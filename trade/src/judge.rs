@@ -20,24 +20,24 @@ pub struct Output {
     pub name: String,
     /// The output of a node that is the picture.
     pub wire: Wire,
-    /// The space in which the picture is judged: linear light if the picture is only written to OpenEXR, otherwise
-    /// the values of an 8-bit display.
+    /// The space in which the picture is judged: linear light if the picture is only written to OpenEXR files;
+    /// otherwise, the values of an 8-bit display.
     pub space: Space,
     inserted: Option<Insertion>,
-    /// The reason why the requested metric cannot be computed for the picture; `None` if it can. Other metrics are
-    /// reported in any case.
+    /// The reason why the requested metric cannot be computed for the picture; `None` if the metric can be
+    /// computed. Other metrics are reported in either case.
     pub uncomputed: Option<String>,
 }
 
-/// The inputs from which one `composite`, or several stacked ones, made a picture.
+/// The inputs from which one `composite` node, or several stacked `composite` nodes, made a picture.
 struct Insertion {
-    /// The background of the first `composite`.
+    /// The background of the first of these nodes.
     background: Wire,
     /// The inserted objects, in the order of insertion.
     layers: Vec<Layer>,
 }
 
-/// The object inserted by one `composite`.
+/// The inputs and parameters with which one `composite` node inserts an object.
 struct Layer {
     object: Wire,
     front: Option<Wire>,
@@ -45,7 +45,7 @@ struct Layer {
 }
 
 impl Insertion {
-    /// The insertion that made the picture of a node; `None` if the node is not a `composite`.
+    /// The insertion from which the picture of a node was made; `None` if the node is not a `composite` node.
     fn of(graph: &Graph, node: usize) -> Option<Self> {
         let (mut layers, mut at) = (Vec::new(), node);
         loop {
@@ -123,7 +123,8 @@ impl Truth {
         Self { pictures: pictures.to_vec(), inserted }
     }
 
-    /// True if each view of `images` has the same size as in the reference. `at` is the index of the picture.
+    /// True if each view of `images` has the same size as the same view of the reference. `at` is the index of the
+    /// picture.
     pub fn fits(&self, at: usize, images: &Images) -> bool {
         let sizes = |images: &Images| -> Vec<(usize, usize)> {
             let size = |view: &NamedImage| {
@@ -141,7 +142,7 @@ impl Truth {
         self.inserted.remove(at);
     }
 
-    /// Computes the errors of pictures, one for each output, view and region.
+    /// Computes the errors of the pictures and of their baselines, in each view and region.
     pub fn off(&self, outputs: &[Output], pictures: &[Arc<Images>]) -> Result<Vec<Off>, NodeError> {
         let mut all = Vec::new();
         for (index, (output, picture)) in outputs.iter().zip(pictures).enumerate() {
@@ -155,8 +156,8 @@ impl Truth {
         Ok(all)
     }
 
-    /// For each output, the reason why `metric` cannot be computed, taken from the notes of `compare`; `None` if it
-    /// can be computed.
+    /// For each output, the reason why `metric` cannot be computed, taken from the notes of `compare`; `None` if
+    /// the metric can be computed.
     pub fn uncomputed(&self, outputs: &[Output], metric: &Metric) -> Result<Vec<Option<String>>, NodeError> {
         let why = |(output, picture): (&Output, &Arc<Images>)| {
             // Every metric can be computed for display values.
@@ -169,8 +170,8 @@ impl Truth {
         outputs.iter().zip(&self.pictures).map(why).collect()
     }
 
-    /// Computes the FLIP difference of each pixel for each output. If FLIP cannot be computed for some views, the
-    /// result contains the reasons. If the comparison of an output fails, its result is the error.
+    /// For each output, computes the FLIP difference of each pixel. If FLIP cannot be computed for some views of an
+    /// output, its result contains the reasons. If the comparison fails, the result of the output is the error.
     pub fn flip_maps(
         &self,
         outputs: &[Output],
@@ -294,8 +295,9 @@ fn regions(
     Some(vec![("touched", Arc::new(touched)), ("object", Arc::new(object)), ("shadow", Arc::new(shadow))])
 }
 
-/// The pixels that an inserted object covers, shades or lights. A pixel belongs to them if, in linear light, the
-/// picture differs from the background by more than 0.002 plus 1 % of the background.
+/// Masks that are 1 at the pixels that an inserted object covers, shades or lights, and 0 elsewhere. These are the
+/// pixels at which, in linear light, the picture differs from the background by more than 0.002 plus 1 % of the
+/// background.
 fn touched(picture: &Images, background: &Images) -> Option<Images> {
     let mut masks = Vec::new();
     for view in &picture.0 {

@@ -11,12 +11,12 @@ use crate::plot::tick_text;
 struct Skip {
     what: &'static str,
     check: &'static str,
-    /// How to force the work, in words.
+    /// How the user can force the work to be done, in words.
     force: &'static str,
     /// Names of the kinds that perform the check.
     kinds: &'static [&'static str],
-    /// Function that returns whether the work was skipped, and the result of the check in words. Returns `None` if
-    /// the node did not perform the check.
+    /// Function that returns true if the work was skipped, and the result of the check in words. It returns `None`
+    /// if the node did not perform the check.
     judge: fn(&Evidence<'_>) -> Option<(bool, String)>,
 }
 
@@ -27,13 +27,13 @@ pub struct LeftOut {
     pub what: &'static str,
     /// Names of the nodes with this result.
     pub nodes: Vec<String>,
-    /// True if the work was skipped; `None` if there was nothing to check.
+    /// True if the work was skipped, false if the work was done, `None` if there was nothing to check.
     pub left_out: Option<bool>,
     /// The result of the check, in words.
     pub found: String,
     /// Description of the check.
     pub check: &'static str,
-    /// How to force the work, in words.
+    /// How the user can force the work to be done, in words.
     pub force: &'static str,
 }
 
@@ -65,7 +65,7 @@ impl Evidence<'_> {
         cells.collect()
     }
 
-    /// The value of the row `name` in a table with the columns `what` and `value`.
+    /// The value in the row `name` of the table `table`, whose columns are `what` and `value`.
     fn value(&self, table: &str, name: &str) -> Option<String> {
         let names = self.column(table, "what").into_iter().zip(self.column(table, "value"));
         names.into_iter().find_map(|(what, value)| match (what, value) {
@@ -81,7 +81,7 @@ const TRACE: &[&str] = &["path-trace"];
 const SKIPS: [Skip; 8] = [
     Skip {
         what: "the prediction of clipped light",
-        check: "no seen pixel of the panorama is clipped",
+        check: "no visible pixel of the panorama is clipped",
         force: "`--exhaustive`",
         kinds: &["predict-exposure"],
         judge: |seen| {
@@ -93,7 +93,7 @@ const SKIPS: [Skip; 8] = [
         },
     },
     Skip {
-        what: "separation of the receiver from the light that it emits",
+        what: "removal of the receiver's own emission from the light",
         check: "the light has no capture point, or the receiver covers less than a quarter of the view from that point; otherwise `surroundings` decides",
         force: "`surroundings: Projected`, or any other value except `Open`",
         kinds: TRACE,
@@ -105,8 +105,8 @@ const SKIPS: [Skip; 8] = [
         },
     },
     Skip {
-        what: "the second render where objects hardly change the light",
-        check: "an upper bound on the light that objects block, emit and reflect",
+        what: "the second render, in regions where objects hardly change the light",
+        check: "an upper bound on the light that objects block, emit and reflect is small enough",
         force: "`crop: 0`",
         kinds: TRACE,
         judge: |seen| match seen.note("cropped") {
@@ -115,7 +115,7 @@ const SKIPS: [Skip; 8] = [
         },
     },
     Skip {
-        what: "rays where objects change nothing",
+        what: "rays in regions where objects change nothing",
         check: "no path of a chunk of pixels meets an object",
         force: "it cannot be forced; the expected picture does not depend on it",
         kinds: TRACE,
@@ -124,24 +124,27 @@ const SKIPS: [Skip; 8] = [
             let shares = shares.filter_map(|cell| if let Cell::Number(n) = cell { Some(*n) } else { None });
             let shares: Vec<f64> = shares.collect();
             let texts: Vec<String> = shares.iter().map(|share| format!("{:.0} %", 100.0 * share)).collect();
-            let text = format!("{} of the chunks of the views", texts.join(", "));
+            let text = format!("share of chunks in each view: {}", texts.join(", "));
             (!shares.is_empty()).then(|| (shares.iter().any(|share| *share > 0.0), text))
         },
     },
     Skip {
-        what: "spherical harmonics above degree 0, and view directions for them",
-        check: "the degree of the spherical harmonics of the scene, and `sh_degree`",
+        what: "evaluation of spherical harmonics above degree 0",
+        check: "the degree of the scene or `sh_degree` is 0",
         force: "`--exhaustive`",
         kinds: SPLATS,
         judge: |seen| {
             let [directed, projected] = ["splats_directed", "splats_projected"].map(|name| seen.count(name));
-            let text = format!("splats that need them: {} of {}", directed, projected);
+            let text = format!(
+                "splats whose harmonics above degree 0 were evaluated: {} of {}",
+                directed, projected
+            );
             (projected > 0).then_some((directed == 0, text))
         },
     },
     Skip {
-        what: "lobes that no material has",
-        check: "the strength of each lobe, with its texture applied",
+        what: "material lobes that no material uses",
+        check: "the strength of the lobe is 0 in every material, after its texture is applied",
         force: "`--exhaustive`",
         kinds: TRACE,
         judge: |seen| {
@@ -155,13 +158,17 @@ const SKIPS: [Skip; 8] = [
     },
     Skip {
         what: "blocks of splats that no picture can show",
-        check: "a box around the centres and longest axes of the splats of a block",
+        check: "a box around the splats of the block is outside every view",
         force: "`--exhaustive`",
         kinds: SPLATS,
         judge: |seen| {
             let [skipped, visited] = ["splats_skipped", "splats_visited"].map(|name| seen.count(name));
             let all = (skipped + visited) as f64;
-            let text = format!("{:.0} % of {} splats", 100.0 * skipped as f64 / all.max(1.0), tick_text(all));
+            let text = format!(
+                "{:.0} % of {} splats were skipped",
+                100.0 * skipped as f64 / all.max(1.0),
+                tick_text(all)
+            );
             (all > 0.0).then_some((skipped > 0, text))
         },
     },
@@ -206,21 +213,22 @@ pub fn left_out(nodes: &[NodeCost], reports: &[(String, Report)]) -> Vec<LeftOut
     all
 }
 
-/// Reports how many results several values of an axis share, in the same form as a check.
+/// Reports how many results are shared by several values of an axis. The report has the form of the result of a
+/// check.
 fn frames(nodes: &[NodeCost]) -> LeftOut {
     let varying = || nodes.iter().filter(|node| node.varies);
     let keys: BTreeSet<_> = varying().filter_map(|node| node.key).collect();
     let (all, fixed) = (varying().count(), nodes.len() - varying().count());
     let equal = varying().filter(|node| node.key.is_some()).count() - keys.len();
     let found = if all == 0 {
-        "no axis: there is one frame".to_owned()
+        "the graph has no axis, so there is only one frame".to_owned()
     } else {
         format!(
-            "nodes that do not vary along an axis: {fixed}; other nodes: {all}, of which {equal} share the key of another node"
+            "nodes that do not vary along an axis: {fixed}; other nodes: {all}; repeated keys among the other nodes: {equal}"
         )
     };
     LeftOut {
-        what: "light and pictures that frames share",
+        what: "repeated computation of light and pictures that several frames share",
         nodes: Vec::new(),
         left_out: (all > 0).then_some(fixed + equal > 0),
         found,
@@ -292,9 +300,12 @@ mod tests {
         assert_eq!(rows[4].nodes, ["faces", "view"], "what found the same stands together");
         assert_eq!(
             (rows[4].left_out, rows[4].found.as_str()),
-            (Some(true), "splats that need them: 0 of 10")
+            (Some(true), "splats whose harmonics above degree 0 were evaluated: 0 of 10")
         );
-        assert_eq!((rows[6].left_out, rows[6].found.as_str()), (Some(true), "70 % of 100 splats"));
+        assert_eq!(
+            (rows[6].left_out, rows[6].found.as_str()),
+            (Some(true), "70 % of 100 splats were skipped")
+        );
 
         let trace = node("trace", "path-trace");
         let lobes =
@@ -349,7 +360,7 @@ mod tests {
         assert_eq!(found.left_out, Some(true));
         assert_eq!(
             found.found,
-            "nodes that do not vary along an axis: 1; other nodes: 3, of which 1 share the key of another node"
+            "nodes that do not vary along an axis: 1; other nodes: 3; repeated keys among the other nodes: 1"
         );
     }
 }

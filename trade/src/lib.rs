@@ -1,5 +1,5 @@
-//! Measurement of work and error. The crate lists the knobs of a graph, searches for settings that reach an error
-//! with little work, and makes the page that shows what each node costs and how much error it causes.
+//! Measurement of work and error. The crate lists the knobs of a graph, searches for settings that reach a required
+//! error with little work, and makes a page that shows the cost of each node and the error that the node causes.
 //!
 //! A [`bench::Bench`] runs a graph at settings of its knobs and compares the pictures with those of the preset
 //! `reference`. [`tune`] uses it for searches, and [`report`] to make a page. This crate prints nothing; the

@@ -88,8 +88,8 @@ impl Metric {
         number(if self.of == Of::Psnr { decibels(error) } else { error })
     }
 
-    /// Id of the note in which `compare` reports that the metric cannot be computed for colour pictures; `None` if
-    /// it always can.
+    /// Id of the note in which `compare` reports that the metric cannot be computed for a colour picture; `None` if
+    /// the metric can be computed for every colour picture.
     pub fn missing_note(&self) -> Option<&'static str> {
         match self.of {
             Of::Column("flip mean" | "flip p95") => Some("no-flip"),
@@ -98,7 +98,7 @@ impl Metric {
         }
     }
 
-    /// What the metric needs, in words, for error messages.
+    /// Requirement of the metric, in words, for error messages.
     pub fn needs(&self) -> &'static str {
         match (self.region, self.of) {
             ("touched" | "object" | "shadow", _) => {
@@ -115,12 +115,13 @@ impl Metric {
     }
 
     /// The largest error over all outputs and views in which the region is visible. `None` if the region is visible
-    /// in none, or if one of these errors was not computed.
+    /// nowhere, or if one of these errors was not computed.
     pub fn error(&self, off: &[Off]) -> Option<f64> {
         self.worst(off, "image")
     }
 
-    /// Like [`error`](Self::error), but for the picture named `judged`, which may be a baseline.
+    /// Like [`error`](Self::error), but for the picture that [`Off::judged`] names `judged`, which may be a
+    /// baseline.
     pub fn worst(&self, off: &[Off], judged: &str) -> Option<f64> {
         let rows =
             off.iter().filter(|row| row.region == self.region && row.judged == judged && row.pixels > 0);

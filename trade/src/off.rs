@@ -5,15 +5,15 @@ use std::collections::BTreeMap;
 /// The error of one view of a picture in one region.
 #[derive(Debug, Clone)]
 pub struct Off {
-    /// Name of the picture.
+    /// Name of the picture; see [`Output::name`](crate::judge::Output::name).
     pub output: String,
     /// Name of the view.
     pub view: String,
     /// Name of the region: `whole`, `touched`, `object` or `shadow`.
     pub region: String,
-    /// Name of the picture that is compared: `image`, or the name of a baseline.
+    /// What is compared with the reference: `image` for the picture itself, or the name of a baseline.
     pub judged: String,
-    /// Number of pixels of the region.
+    /// Number of pixels in the region.
     pub pixels: u64,
     /// Values of the metrics, by the names of the columns of `compare`.
     pub values: BTreeMap<String, f64>,

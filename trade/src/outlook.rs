@@ -10,11 +10,11 @@ use crate::tunables::{Assignment, Tunable};
 /// Forecast of the time that it takes to measure some settings.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Outlook {
-    /// Number of settings that have not been measured yet.
+    /// Number of these settings that have not been measured yet.
     pub settings: usize,
     /// Forecast time in seconds. Nodes without a forecast are not included.
     pub seconds: f64,
-    /// Number of node runs without a forecast, because nodes of their kind have never run.
+    /// Number of node runs without a forecast, because no node of the kind has ever run.
     pub unknown: usize,
 }
 
@@ -22,14 +22,15 @@ pub struct Outlook {
 struct Reach {
     /// The tunables of the node and of all nodes on which it depends.
     tunables: Vec<usize>,
-    /// A tunable such as `samples`, for which partial results are cached, so that a larger value costs only the
-    /// difference.
+    /// The node's tunable, such as `samples`, for which partial results are cached, so that a larger value costs
+    /// only the difference. `None` if there is no such tunable.
     refines: Option<usize>,
 }
 
 impl Bench<'_> {
-    /// Forecasts the time that it takes to measure `settings`. A node counts once for all settings in which it and
-    /// all nodes on which it depends have the same values. It does not count if a measured point has these values.
+    /// Forecasts the time that it takes to measure `settings`. Settings in which a node and all nodes on which it
+    /// depends have the same values share one run of the node, whose time counts once. If a measured point has
+    /// these values, the time does not count.
     pub fn outlook(&self, settings: &[Assignment]) -> Outlook {
         let graph = self.base();
         let reach = reach(graph, &self.tunables);
@@ -66,8 +67,8 @@ impl Bench<'_> {
         outlook
     }
 
-    /// Time in seconds that a node takes at a setting. It is taken from the measured setting that is most similar,
-    /// or from the plan if nothing was measured.
+    /// Forecast time in seconds of a node at a setting. It is derived from the node's time at the most similar
+    /// measured setting, or from the plan if nothing was measured. `None` if there is no forecast.
     fn cost(
         &self,
         node: usize,

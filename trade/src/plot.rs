@@ -24,9 +24,9 @@ const RIGHT: f64 = 120.0;
 const TOP: f64 = 20.0;
 const BOTTOM: f64 = 46.0;
 
-/// Draws a plot as SVG. `cost` and `error` are the labels of the axes, `shown` formats an error, and `bound` is an
-/// error at which a line is drawn. Both axes are logarithmic. Errors of 0 are drawn on a separate line below the
-/// smallest other error. Returns `None` if there is nothing to plot.
+/// Draws a plot as SVG. `cost` and `error` are the labels of the axes, and `shown` formats an error. If `bound` is
+/// given, a line is drawn at this error. Both axes are logarithmic. Errors of 0 are drawn on a separate line below
+/// the smallest other error. Returns `None` if there is nothing to plot.
 pub fn svg(
     dots: &[Dot],
     cost: &str,
@@ -125,8 +125,8 @@ pub fn svg(
 }
 
 /// The box of a dot's label: left, baseline, width and height. It lies to the right of the dot. Three heights are
-/// tried, and the first is used at which the label overlaps no other label; if there is none, the first of the
-/// three.
+/// possible. The first height at which the label overlaps no other label is used; if there is no such height, the
+/// first of the three.
 fn place_of_name(name: &str, (x, y): (f64, f64), others: &[[f64; 4]]) -> [f64; 4] {
     let at = |dy: f64| [x + 7.0, y + dy, 6.5 * name.len() as f64, 11.0];
     let apart =

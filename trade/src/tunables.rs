@@ -14,13 +14,13 @@ pub struct Tunable {
     pub parameter: &'static str,
     /// The possible values, as they are written in a graph.
     pub values: Vec<String>,
-    /// Number of places in `values` by which a search moves in one step.
+    /// Number of values by which a search moves along `values` in one step.
     pub step: usize,
     /// The index in `values` of the graph's own value.
     pub now: usize,
     /// The index in `values` of the value in each preset.
     pub presets: [usize; 4],
-    /// True if this is a knob, whose values are ordered.
+    /// True if this is a knob. Only the values of knobs are ordered.
     pub knob: bool,
 }
 
@@ -39,7 +39,7 @@ impl Tunable {
     }
 }
 
-/// For each tunable, the index of its value.
+/// For each tunable, the index of the selected value.
 pub type Assignment = Vec<usize>;
 
 /// Returns the graph with each preset applied, in the order of [`PRESETS`].
@@ -54,9 +54,9 @@ pub fn presets(graph: &Graph, registry: &Registry) -> Result<[Graph; 4], Error> 
     Ok([draft?, preview?, finer?, reference?])
 }
 
-/// Checks that `form`, which is `graph` at other settings, has the same nodes, so that an index refers to the same
-/// node in both. The nodes differ if a preset sets a field that varies along an axis, since this removes the axis
-/// from the nodes that depend on the field. The error is the reason.
+/// Checks that `form`, which is `graph` with other settings, has the same nodes as `graph`, so that an index refers
+/// to the same node in both graphs. The nodes differ if a preset sets a field that varies along an axis, since this
+/// removes the axis from the nodes that depend on the field. The error is the reason.
 pub fn same_nodes(graph: &Graph, form: &Graph) -> Result<(), String> {
     let ids = |graph: &Graph| graph.nodes.iter().map(|node| node.id.clone()).collect::<Vec<_>>();
     let (all, others) = (ids(graph), ids(form));
@@ -133,9 +133,9 @@ pub fn tunables(graph: &Graph, targets: &[usize], registry: &Registry) -> Result
     Ok(tunables)
 }
 
-/// Adds values for a search: half and a quarter of the smallest value. For numbers of samples, which determine most
-/// of the work, also adds a value between each pair of neighbours. Returns the number of places in `values` by
-/// which a search moves in one step.
+/// Adds values for a search: half and a quarter of the first value, if these are at least `least`. For numbers of
+/// samples, which determine most of the work, also adds a value between each pair of neighbours. Returns the number
+/// of values by which a search moves along `values` in one step.
 fn widen(values: &mut Vec<String>, kind: KnobKind, least: f64) -> usize {
     let whole = |text: &String| text.parse::<u64>().ok();
     if values.len() < 2 || !matches!(kind, KnobKind::Samples | KnobKind::Resolution | KnobKind::Depth) {
@@ -159,8 +159,8 @@ fn equal(a: &str, b: &str) -> bool {
     a == b || a.parse::<f64>().is_ok_and(|a| b.parse() == Ok(a))
 }
 
-/// Inserts a value at its place in an increasing or decreasing list. A value that is not a number is inserted at
-/// the front.
+/// Inserts a value into a list of increasing or decreasing values, so that the order is kept. A value that is not a
+/// number is inserted at the front.
 fn insert(values: &mut Vec<String>, value: &str, kind: KnobKind) {
     if values.iter().any(|known| equal(known, value)) {
         return;
@@ -190,7 +190,8 @@ mod tests {
     use super::*;
     use engine::{Source, SourceRoot};
 
-    /// A graph in which `fit-probe` chooses the size of the light. For this, a coarse panorama is rendered first.
+    /// A graph in which `fit-probe` chooses the size of the light. A coarse panorama is rendered first for this
+    /// purpose.
     const FITTED: &str = r#"Graph(
         version: 1, scene: (up: "+z", seed: 1), nodes: (
             demo:   DemoScene(splats: 4000, width_px: 36, height_px: 26),

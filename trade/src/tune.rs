@@ -16,7 +16,7 @@ use crate::tunables::Assignment;
 pub enum Unit {
     /// Rays. Other deterministic counts are converted to rays.
     Rays,
-    /// CPU seconds of the nodes' code, as measured when it was run.
+    /// CPU seconds that the nodes' code took, as measured when the nodes were run.
     CpuSeconds,
 }
 
@@ -57,11 +57,11 @@ pub struct Tuned {
     pub half: Option<Below>,
     /// True if the search finished; false if measuring ended first.
     pub finished: bool,
-    /// Number of settings that the budget still allows to be measured.
+    /// Number of settings that the budget still allows the search to measure.
     pub left: usize,
     /// True if the time for measuring ran out.
     pub late: bool,
-    /// The error that ended measuring; `None` if measuring did not end with an error.
+    /// The error that ended the search; `None` if no error occurred.
     pub wrong: Option<Error>,
 }
 
@@ -103,7 +103,7 @@ struct Measuring<'t, 'e, E> {
 }
 
 impl<E: FnMut(&mut Bench<'_>, usize)> Measuring<'_, '_, E> {
-    /// Returns the cost and error of an assignment. `None` ends the search.
+    /// Returns the cost and error of an assignment. Returns `None` to end the search.
     fn measure(&mut self, assignment: &[usize]) -> Option<(f64, f64)> {
         let assignment = assignment.to_vec();
         let known = self.bench.points.len();
@@ -254,37 +254,37 @@ fn naive(starts: &[Assignment], tried: &[Tried], goal: Goal) -> Option<(&'static
     search::best(&tried, goal).map(|at| (names[at], tried[at].clone()))
 }
 
-/// Describes the result of the search for settings that cost less than half as much as the preset, and how certain
-/// the result is.
+/// Describes the result of the search for settings that cost less than half as much as the preset, and the
+/// certainty of this result.
 fn none_below_half(metric: &Metric, half: &Below) -> String {
     let least = half.all.iter().map(|t| t.error).reduce(f64::min);
     let found = match least {
         Some(_) if !half.complete => {
             let (count, least) = (half.all.len(), metric.shown(least));
             format!(
-                "no measured setting below half of that cost reaches the goal (settings: {count}, smallest error: {least}); a larger `--budget` would measure more of them"
+                "no measured setting at less than half of that cost reaches the goal (settings: {count}, smallest error: {least}); a larger `--budget` would measure more of them"
             )
         }
         None if !half.complete => {
-            "no setting below half of that cost was measured; a larger `--budget` would include such settings"
+            "no setting at less than half of that cost was measured; a larger `--budget` would include such settings"
                 .to_owned()
         }
         Some(_) => {
             let (count, least) = (half.all.len(), metric.shown(least));
             format!(
-                "no setting below half of that cost reaches the goal (settings: {count}, smallest error: {least})"
+                "no setting at less than half of that cost reaches the goal (settings: {count}, smallest error: {least})"
             )
         }
         None => {
             let cost = tick_text(half.least.cost);
             format!(
-                "no setting was found below half of that cost: with every knob at its minimum the cost is {cost}"
+                "no setting was found at less than half of that cost: even with every knob at its minimum, the cost is {cost}"
             )
         }
     };
     let (most, pairs) = (100.0 * half.saved.most, half.saved.pairs);
     let saved = format!(
-        "raising knobs saved at most {most:.1} % of the cost in the measured pairs of settings ({pairs})"
+        "raising knobs saved at most {most:.1} % of the cost in the measured pairs of settings (number of pairs: {pairs})"
     );
     if half.complete {
         let margin = 100.0 * half.margin;

@@ -53,7 +53,7 @@ pub(crate) struct Log {
     index: Option<Index>,
     /// True if an index was found to be wrong. From then on, no index is read.
     index_rejected: bool,
-    /// The locations of the entries after the indexed part of the file; `None` for a removed entry.
+    /// The locations of the entries that follow the indexed part of the file; `None` for a removed entry.
     recent: HashMap<EntryId, Option<Location>, BuildHasherDefault<DigestHasher>>,
     /// All entries, encoded, if the log has no file.
     memory: Vec<u8>,
@@ -107,7 +107,7 @@ impl Log {
         }
     }
 
-    /// Opens the log, creating it unless it is read-only, and reads its index.
+    /// Opens the log and reads its index. Creates a missing log unless `settings.writable` is false.
     pub fn open(settings: Settings) -> Result<Log> {
         let settings = Arc::new(settings);
         let lock = if settings.writable { Some(FileLock::open(&settings.lock)?) } else { None };
@@ -153,7 +153,7 @@ impl Log {
         Ok(all.filter(|((found, _), _)| *found == kind).map(|((_, key), _)| key).collect())
     }
 
-    /// Every entry, sorted by key and then by kind.
+    /// The identity and location of every valid entry, sorted by key and then by kind.
     fn all(&mut self) -> Result<Vec<(EntryId, Location)>> {
         let mut all = match self.index.as_mut().map(Index::all) {
             None => Vec::new(),
@@ -214,7 +214,7 @@ impl Log {
         std::mem::take(&mut self.unreported)
     }
 
-    /// Reads what other processes appended since the last call. Returns whether there were new bytes.
+    /// Reads what other processes have appended since the last call. Returns true if there were new bytes.
     pub fn refresh(&mut self) -> Result<bool> {
         if self.is_current()? {
             return Ok(false);
@@ -225,7 +225,7 @@ impl Log {
         Ok(true)
     }
 
-    /// True if the file at the path is still the one that was read, and has not grown.
+    /// True if the file at the log's path is still the file that was read, and all its bytes have been read.
     fn is_current(&self) -> Result<bool> {
         let (Some(settings), Some(open)) = (&self.settings, &self.open) else {
             return Ok(self.settings.is_none());
@@ -264,7 +264,7 @@ impl Log {
         };
     }
 
-    /// Discards everything in memory and opens the file that is now at the path.
+    /// Discards everything that was read and opens the file that is now at the path of the log.
     fn reopen(&mut self) -> Result<()> {
         self.forget();
         let Some(settings) = &self.settings else { return Ok(()) };

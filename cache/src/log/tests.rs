@@ -24,7 +24,7 @@ fn key(n: u8) -> Digest {
     Digest::of(&[n])
 }
 
-/// Two logs on the same file. The second log does not wait for the lock.
+/// Opens the same file as two logs. The second log does not wait for the lock.
 fn two(folder: &Path) -> (Log, Log) {
     let (locked, mut other) = (Log::open(settings(folder)).unwrap(), Log::open(settings(folder)).unwrap());
     other.lock_timed_out = true;

@@ -17,21 +17,22 @@ use crate::log_head;
 use crate::stamp::same_file;
 use crate::temp::{TempFile, sync_folder};
 
-/// Minimum number of dead bytes for a compaction of an undamaged log.
+/// Minimum number of dead bytes at which an undamaged log is compacted.
 const MIN_DEAD: u64 = 1 << 20;
 
 /// An index is rewritten when the part of the log that is not indexed has at least this many bytes, and is at least
 /// a sixteenth of the log.
 const MIN_UNINDEXED: u64 = 64 << 10;
 
-/// Maximum time that an append waits for the lock, so that a stopped process does not block others. After a
-/// timeout, appends try to lock without waiting, until one of them obtains the lock.
+/// Maximum time for which an append waits for the lock, so that a stopped process does not block other processes.
+/// After a timeout, appends try to lock without waiting, until one of them obtains the lock.
 ///
 /// Appending without the lock is safe: existing bytes of a log are never changed or cut off, and a writer without
 /// the lock detects whether a compaction replaced the file in the meantime.
 const LOCK_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Maximum number of attempts of an append if compactions replace the file again and again.
+/// Maximum number of attempts to append entries. An attempt fails if a compaction replaces the file in the
+/// meantime.
 const APPEND_ATTEMPTS: usize = 5;
 
 impl Log {

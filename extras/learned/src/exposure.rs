@@ -6,26 +6,26 @@
 use candle_core::{D, Device, Result, Tensor, Var};
 
 /// Photographed panoramas, stored as arrays with one row per panorama. All panoramas have the same number of
-/// clipped cells: of a panorama with more clipped cells, only a selection is used; a panorama with fewer is padded
-/// with cells without any light.
+/// clipped cells. If a panorama has more, only a selection of its cells is used, and some of these stand for
+/// several cells. If a panorama has fewer, cells without light are added.
 pub struct Examples {
     /// Number of panoramas.
     pub count: usize,
     /// Number of clipped cells per panorama.
     pub cells: usize,
-    /// Features of each panorama as a whole.
+    /// Features that describe each panorama as a whole.
     pub overview: Vec<f32>,
     /// Features of each cell.
     pub features: Vec<f32>,
-    /// Logarithm of the visible flux that each cell represents: the cell's own visible flux times the number of
-    /// cells that it stands for. -1e9 for padding.
+    /// For each cell, the natural logarithm of the product of its visible flux and the number of cells that it
+    /// stands for; -1e9 for an added cell.
     pub log_flux: Vec<f32>,
-    /// Hidden flux that each cell represents: its own, and that of the cells that it stands for.
+    /// Hidden flux of each cell, multiplied by the number of cells that it stands for.
     pub hidden: Vec<f32>,
     /// Cosine of the angle between the cell's direction and the normal of the plane on which contrast is measured,
     /// for cells near the dominant light; 0 for other cells.
     pub near: Vec<f32>,
-    /// The same cosine for cells far from the dominant light; 0 for cells near it.
+    /// Like `near`, but for cells far from the dominant light; 0 for cells near this light.
     pub far: Vec<f32>,
     /// Eight fluxes of each panorama, in this order:
     /// - visible flux: the total, the flux on the plane from cells near the dominant light, and the flux on the
@@ -33,7 +33,7 @@ pub struct Examples {
     /// - flux of the ground truth: the same three values;
     /// - hidden flux: the value of the ground truth, and the fitted value.
     pub fluxes: Vec<[f32; 8]>,
-    /// Weight of each panorama.
+    /// Weight of each panorama in the loss.
     pub weight: Vec<f32>,
 }
 
@@ -49,11 +49,11 @@ pub struct Recipe {
     /// Learning rate, before it is scaled. It is scaled by a factor that falls linearly from 1 to 0 during the
     /// training, and in the first 20 steps also by a factor that rises linearly to 1.
     pub rate: f64,
-    /// Weight of the error in contrast in the loss.
+    /// Factor by which the error in contrast is multiplied in the loss.
     pub contrast: f64,
-    /// Weight of the cross-entropy of the light's position in the loss.
+    /// Factor by which the cross-entropy of the position of the hidden light is multiplied in the loss.
     pub place: f64,
-    /// Weight decay of the linear part of the score, and weight decay of the part with hidden units.
+    /// Two weight decays: for the linear part of the score, and for the part with hidden units.
     pub decay: [f64; 2],
 }
 
@@ -74,9 +74,9 @@ impl Default for Recipe {
 /// Mean and standard deviation of each column.
 #[derive(Debug, Clone)]
 pub struct Scale {
-    /// Means.
+    /// Mean of each column.
     pub mean: Vec<f32>,
-    /// Standard deviations.
+    /// Standard deviation of each column.
     pub spread: Vec<f32>,
 }
 
@@ -127,7 +127,7 @@ struct Weights {
     out: Var,
 }
 
-/// A seeded generator of random numbers (SplitMix64), uniform in (-1, 1).
+/// A seeded generator of random numbers (SplitMix64).
 struct Random(u64);
 
 impl Random {
@@ -198,7 +198,7 @@ impl Weights {
         [&self.linear, &self.cell, &self.overview, &self.bias, &self.out]
     }
 
-    /// Returns the logarithm of each cell's share of the hidden light.
+    /// Returns, for each cell, the natural logarithm of the fraction of the hidden light that comes from this cell.
     fn forward(&self, overview: &Tensor, features: &Tensor, log_flux: &Tensor) -> Result<Tensor> {
         let (n, cells, columns) = features.dims3()?;
         let flat = features.reshape((n * cells, columns))?;
@@ -316,7 +316,7 @@ impl Adam {
 }
 
 /// Trains one network on the examples with the indices `chosen`. Their features must be scaled. Uses a GPU if the
-/// build supports it and one is present. After each step, `tell` receives the number of finished steps and the
+/// build supports GPUs and a GPU is present. After each step, `tell` receives the number of finished steps and the
 /// loss, and returns true to continue. Returns `None` if `tell` stopped the training.
 pub fn train(
     examples: &Examples,
@@ -358,7 +358,8 @@ pub fn train(
     Ok(Some(Network { tensors }))
 }
 
-/// Predicts each cell's share of the hidden light of one panorama. The features must be scaled.
+/// Predicts the distribution of the hidden light of one panorama: for each cell, the fraction that comes from this
+/// cell. The features must be scaled.
 pub fn predict(network: &Network, overview: &[f32], features: &[f32], log_flux: &[f32]) -> Result<Vec<f32>> {
     let cells = log_flux.len();
     let tensor = |values: &[f32], shape: &[usize]| Tensor::from_vec(values.to_vec(), shape, &Device::Cpu);

@@ -3,8 +3,8 @@
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
-/// Name under which programs load the library. The file with this name depends on the core library, which contains
-/// the code and the weights. The name of the core library contains the full version.
+/// Name of the file that programs load. The file depends on the core library, which contains the code and the
+/// weights. The name of the core library contains the full version.
 const FILE: &str = "libOpenImageDenoise.so.2";
 const CORE: &[u8] = b"libOpenImageDenoise_core.so.";
 /// Environment variable that contains the folder of the library, for libraries outside the default folders.
@@ -17,7 +17,7 @@ const USUAL: [&str; 5] =
 /// An installed library.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Found {
-    /// Path of the file. The file contains the version number, so its bytes differ between versions.
+    /// Path of the library file. Its content differs between versions, since it contains the version number.
     pub path: PathBuf,
     /// Version, such as `2.3.3`.
     pub version: String,

@@ -19,7 +19,8 @@ const FLOAT3: c_int = 3;
 /// Approximate maximum memory that the library uses, in bytes. Pictures that need more are filtered in tiles.
 pub const MEMORY_BYTES: u64 = 1 << 30;
 
-/// The loaded library: the functions that are called, as declared in `OpenImageDenoise/oidn.h` of version 2.
+/// The loaded library: its version, and the functions that this crate calls, as declared in
+/// `OpenImageDenoise/oidn.h` of version 2.
 pub struct Library {
     version: String,
     new_device: unsafe extern "C" fn(c_int) -> Device,
@@ -99,7 +100,7 @@ impl Library {
     /// the same type of processor give bit-identical results.
     ///
     /// # Errors
-    /// If `goes_on` returned false, or the library reports an error.
+    /// If `goes_on` returns false, or the library reports an error.
     ///
     /// # Panics
     /// If the length of a slice is not `width` x `height` x 3.
@@ -170,7 +171,7 @@ impl Library {
     }
 }
 
-/// Calls the closure to which the pointer leads. Returns false if the filter should stop.
+/// Calls the closure that the pointer refers to. Returns false if the filter should stop.
 ///
 /// # Safety
 /// The pointer must point to a `&(dyn Fn() -> bool + Sync)`.

@@ -1,5 +1,5 @@
-//! Attribution of the error to nodes. The error is measured with only one node at the reference settings, and with
-//! all nodes but one at the reference settings.
+//! Attribution of the error to nodes. For each node, the error is measured twice: with only this node at the
+//! reference settings, and with all other nodes at the reference settings.
 
 use crate::bench::Bench;
 use crate::metric::Metric;
@@ -22,13 +22,13 @@ pub struct Attribution {
 /// The result of the search for the node that causes the most error.
 #[derive(Debug, PartialEq)]
 pub enum Blame<'a> {
-    /// The node with the largest own error, and this error.
+    /// The name of the node with the largest own error, and this error.
     Makes(&'a str, f64),
     /// The node for which the error decreases most if only this node is set to the reference. Own errors were not
     /// measured.
     Helps(&'a str),
-    /// No node causes an error. If own errors were not measured: the error does not decrease if any single node is
-    /// set to the reference.
+    /// No node causes an error. If own errors were not measured, this means that setting a single node to the
+    /// reference never decreases the error.
     None,
     /// The error was not computed.
     Unknown,

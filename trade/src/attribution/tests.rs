@@ -203,7 +203,8 @@ fn what_is_judged(engine: &Engine) {
     }
     assert_eq!(both.unjudged, ["pano.image"]);
     assert!(
-        both.new_remarks()[0].contains("another size at other settings") && both.new_remarks().is_empty()
+        both.new_remarks()[0].contains("a size that depends on the settings")
+            && both.new_remarks().is_empty()
     );
     assert!(both.points.iter().flat_map(|point| &point.off).all(|row| row.output == "final"));
     // A knob that affects only such a picture is not turned: the picture would get worse without a measured error.

@@ -21,7 +21,7 @@ pub enum Stop {
     Wrong(Error),
 }
 
-/// Indices of the points that a report shows, and the attribution of the error to the nodes.
+/// Indices of the measured points that a report shows, and the attribution of the error to the nodes.
 pub struct Measured {
     /// The points of the presets, in the order of [`PRESETS`]; `None` for a preset that was not reached in time.
     pub presets: [Option<usize>; 4],
@@ -35,8 +35,8 @@ pub struct Measured {
     pub late: bool,
 }
 
-/// All settings that a report measures, in the order of measurement. If `reverse` is true, they include, for each
-/// node, the setting with all other nodes at the reference.
+/// All settings that a report measures, in the order of measurement. If `reverse` is true, these include, for each
+/// node with knobs, the setting in which all other nodes are at the reference.
 pub fn settings(bench: &Bench<'_>, reverse: bool) -> Vec<Assignment> {
     // The first setting is the reference, with which the others are compared.
     let mut all = vec![bench.preset(REFERENCE), bench.now()];

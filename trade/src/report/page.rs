@@ -63,7 +63,7 @@ pub fn page(bench: &Bench<'_>, metric: &Metric, measured: &Measured) -> Result<P
         page.report(&name, &report);
     }
     page.heading("Settings");
-    page.words("The current settings as an overlay for `run --overlay`, in the form that `tune` writes.");
+    page.words("The current settings as an overlay for `run --overlay`, in the same form as overlays that `tune` writes.");
     page.code(&bench.overlay(&bench.points[now].assignment));
     Ok(page)
 }
@@ -106,7 +106,7 @@ fn pictures(page: &mut Page, bench: &Bench<'_>, measured: &Measured) -> Result<(
             page.words(&format!("There is no FLIP map of `{name}`: {why}."));
         }
         for why in map.iter().flat_map(|map| &map.missing) {
-            page.words(&format!("There is no FLIP map of `{name}`, {why}."));
+            page.words(&format!("A part of the FLIP map of `{name}` is missing: {why}."));
         }
         for view in &images.0 {
             if map.is_some_and(|map| map.missing.is_empty() && map.maps.view(&view.name).is_none()) {
@@ -258,7 +258,7 @@ fn baselines(page: &mut Page, bench: &Bench<'_>, now: usize) {
 fn unmodelled(page: &mut Page, rows: &[LeftOut]) {
     page.heading("Skipped work and its checks");
     page.words(
-        "Work that is done only if the scene needs it. The last column shows how to force it; `docs/trade.md` lists the error that skipping it causes.",
+        "Work that is done only if the scene needs it. The last column shows how to force the work to be done; `docs/trade.md` lists the errors that result from skipping it.",
     );
     let reported = |row: &LeftOut| {
         let nodes = match row.nodes.as_slice() {

@@ -2,7 +2,7 @@
 
 use super::tried::Tried;
 
-/// Maximum number of combinations that are kept each time the changes of another knob have been added.
+/// Maximum number of combinations that are kept after the changes of each knob have been added.
 const COMBINATIONS: usize = 2000;
 
 /// Effect of a change on cost and error. Two effects are combined by multiplying the cost factors and adding the
@@ -43,8 +43,8 @@ struct Turn {
     from: usize,
     to: usize,
     effect: Effect,
-    /// Distance between the two values, times one plus the number of other knobs that were set differently during
-    /// the measurement than at the present position.
+    /// Distance between the two values, multiplied by `n + 1`, where `n` is the number of other knobs whose values
+    /// during the measurement differ from their values at the current position.
     way: usize,
 }
 
@@ -69,8 +69,8 @@ impl Turn {
 }
 
 /// For each knob, the values to which it can be changed from the position `here`, with the effects of these
-/// changes. The present value of the knob comes first. The effects come from measured changes of that knob alone.
-/// Small changes, and changes measured near this position, are preferred.
+/// changes. The current value of the knob comes first. Each effect is derived from measured changes of this knob
+/// alone. Small changes, and changes that were measured near `here`, are preferred.
 pub(super) fn effects(tried: &[Tried], here: &Tried) -> Vec<Vec<(usize, Effect)>> {
     let knobs = here.assignment.len();
     let mut turns: Vec<Vec<Turn>> = vec![Vec::new(); knobs];
@@ -90,8 +90,8 @@ pub(super) fn effects(tried: &[Tried], here: &Tried) -> Vec<Vec<(usize, Effect)>
     turns.iter().zip(&here.assignment).map(|(turns, &at)| Turn::all_from(at, turns)).collect()
 }
 
-/// The positions that can be reached from `here` by combining changes. A position is left out if another one is
-/// forecast to be better in both cost and error.
+/// The positions that can be reached from `here` by combining changes. A position is left out if another position
+/// is forecast to be at least as good in both cost and error.
 pub(super) fn combinations(here: &Tried, effects: &[Vec<(usize, Effect)>]) -> Vec<Tried> {
     let mut front = vec![(Vec::new(), Effect::NONE)];
     for values in effects {

@@ -1,5 +1,5 @@
-//! The search for settings. Knobs are first changed one at a time. Then several are changed together, as a forecast
-//! suggests.
+//! The search for settings. Knobs are first changed one at a time. Then several knobs are changed together, as
+//! suggested by a forecast.
 
 mod forecast;
 mod tried;
@@ -30,9 +30,9 @@ pub struct Steps {
     pub ordered: bool,
 }
 
-/// Searches for the best assignment, from the assignments in `starts`. `knobs` contains the range of each knob.
-/// `measure` returns the cost and error of an assignment, or `None` to end the search. Each assignment is measured
-/// only once.
+/// Searches for the best assignment, starting from the assignments in `starts`. `knobs` contains the range of each
+/// knob. `measure` returns the cost and error of an assignment, or `None` to end the search. Each assignment is
+/// measured only once.
 ///
 /// The search begins with the best start that reaches the goal:
 /// 1. Every knob is changed alone, by one step.
@@ -58,8 +58,8 @@ pub fn search(
 const FOLLOWED: usize = 5;
 /// Minimum saving that a forecast must promise before it is measured, as a share of the value to minimize.
 const GAIN: f64 = 0.01;
-/// Maximum number of positions that miss the goal, but from which the search continues nevertheless. Each of them
-/// differs from the best position in one knob.
+/// Maximum number of positions that miss the goal but from which the search still continues. Each of these
+/// positions differs from the best position in one knob.
 const BEYOND: usize = 3;
 
 struct Search<'s, M> {
@@ -70,7 +70,7 @@ struct Search<'s, M> {
 }
 
 impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
-    /// Runs the whole search. Returns `None` if measuring ended first.
+    /// Runs the whole search. Returns `None` if measuring ended before the search finished.
     fn whole(&mut self, starts: &[Vec<usize>]) -> Option<()> {
         for start in starts {
             self.measured(start)?;
@@ -107,13 +107,15 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
         if self.tried[least].fits(self.goal) { self.improve(least) } else { Some(()) }
     }
 
-    /// The measured position with the smallest bounded value, which misses the goal by the least.
+    /// The measured position with the smallest bounded value. If no position reaches the goal, this one misses it
+    /// by the least.
     fn nearest(&self) -> Option<usize> {
         (0..self.tried.len()).reduce(|a, b| if self.bounded(b) < self.bounded(a) { b } else { a })
     }
 
-    /// The positions that miss the goal, differ from `from` in one knob, and have the smallest values to minimize.
-    /// The values are smaller than at the best position that reaches the goal.
+    /// The positions that miss the goal, differ from `from` in one knob, and have a smaller value to minimize than
+    /// the best position that reaches the goal. At most [`BEYOND`] positions with the smallest such values are
+    /// returned.
     fn beyond(&self, from: usize) -> Vec<usize> {
         let here = &self.tried[from];
         let turned = |t: &Tried| t.assignment.iter().zip(&here.assignment).filter(|(a, b)| a != b).count();
@@ -189,7 +191,7 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
 
     /// Measures the position with the best forecast, and continues from there until no better position is forecast.
     /// If neither `from` nor any position measured here reaches the goal, returns a position that is nearer to the
-    /// goal, if one is found. The outer `None` ends the search.
+    /// goal, if one is found. If the outer option is `None`, the search ends.
     fn follow(&mut self, from: usize) -> Option<Option<usize>> {
         let (before, mut at) = (self.best(), from);
         for _ in 0..FOLLOWED {

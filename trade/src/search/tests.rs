@@ -2,8 +2,8 @@
 
 use super::*;
 
-/// A model of cost and error. Each step of a knob doubles the cost of the knob and halves its error. The errors of
-/// different knobs are independent.
+/// A model of cost and error. Each step of a knob doubles the cost that the knob causes and halves the error that
+/// it causes. The errors of different knobs are independent.
 fn model(weights: &'static [(f64, f64)]) -> impl FnMut(&[usize]) -> Option<(f64, f64)> {
     move |assignment| {
         let value = |(&at, &(cost, error)): (&usize, &(f64, f64))| {

@@ -10,9 +10,9 @@ use super::watch::Watch;
 /// 1440 x 720, all scores together would take 7 GB.
 pub const MAX_SCORES: usize = 1 << 25;
 
-/// Attention of the queries `q` to the keys `k` and values `v`, each of shape heads x tokens x head, where head is
-/// the number of channels of a head. The result has the shape tokens x (heads * head). Scores are computed in f32,
-/// or in f64 for f64 input.
+/// Attention of the queries `q` to the keys `k` and values `v`, each of shape heads x tokens x head, where `head`
+/// is the number of channels per head. The result has the shape tokens x (heads * head). Scores are computed in
+/// f32, or in f64 for f64 input.
 pub fn attention(
     q: &Tensor,
     k: &Tensor,

@@ -18,15 +18,15 @@ use super::watch::Watch;
 
 /// Inputs of the transformer.
 pub struct Given<'a> {
-    /// Tokens, as in [`Transformer::forward`].
+    /// Tokens; see [`Transformer::forward`].
     pub tokens: &'a Tensor,
-    /// Places of the tokens, as in [`Transformer::forward`].
+    /// Places of the tokens; see [`Transformer::forward`].
     pub places: &'a [Place],
-    /// Prompt, as in [`Transformer::forward`].
+    /// Encoded prompt.
     pub prompt: &'a Prompt,
-    /// Noise level, as in [`Transformer::forward`].
+    /// Noise level of the new picture: 1 for pure noise, 0 for no noise.
     pub time: f32,
-    /// Strength of guidance, as in [`Transformer::forward`].
+    /// Strength with which the model follows the prompt.
     pub guidance: f32,
 }
 
@@ -86,8 +86,8 @@ impl Transformer {
     }
 }
 
-/// Computes the gradients with respect to the inputs and variables of a block. `outputs` contains each output of
-/// the block with the gradient with respect to it.
+/// Computes the gradients with respect to the inputs and variables of a block. `outputs` pairs each output of the
+/// block with the gradient of the loss with respect to this output.
 fn back(outputs: &[(&Tensor, &Tensor)]) -> Result<GradStore> {
     let mut sum = Tensor::zeros((), outputs[0].0.dtype(), outputs[0].0.device())?;
     for (output, gradient) in outputs {
@@ -113,7 +113,7 @@ impl Found<'_> {
         Ok(())
     }
 
-    /// The gradient with respect to an input of a block; zeros if the block does not read this input.
+    /// The gradient of the loss with respect to an input of a block; zeros if the block does not read this input.
     fn gradient(&self, input: &Var, grads: &GradStore) -> Result<Tensor> {
         Ok(match grads.get(input) {
             Some(gradient) => gradient.detach(),

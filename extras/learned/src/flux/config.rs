@@ -15,7 +15,7 @@ pub struct Config {
     pub hidden: usize,
     /// Number of attention heads. Each head has `hidden / heads` channels.
     pub heads: usize,
-    /// Width of the hidden layer of each perceptron.
+    /// Number of units in the hidden layer of each perceptron.
     pub mlp: usize,
     /// Number of channels of a picture token. A token represents four latent pixels.
     pub in_channels: usize,
@@ -25,10 +25,10 @@ pub struct Config {
     pub pooled: usize,
     /// Length of the embedding of a noise level.
     pub time: usize,
-    /// Number of channels of a head that encode the frame, the row and the column of a token, respectively. All
-    /// three are even.
+    /// Numbers of channels per head that encode the frame, the row and the column of a token, respectively. All
+    /// three numbers are even.
     pub axes: [usize; 3],
-    /// True if the strength of guidance is an input of the network.
+    /// True if the guidance strength is an input of the network.
     pub guidance: bool,
     /// Number of blocks in which text and picture have separate weights.
     pub double_blocks: usize,
@@ -71,15 +71,15 @@ impl Config {
         }
     }
 
-    /// Number of channels of a head.
+    /// Number of channels per head.
     pub const fn head(&self) -> usize {
         self.hidden / self.heads
     }
 
     /// Derives the layout and the sizes from the shapes in the headers. Only [`axes`](Self::axes) are not in the
-    /// headers: they are read from the `config.json` next to the file, which must agree with the headers. Without a
-    /// `config.json`, the axes of the published model are used, which are possible only if the heads are as long as
-    /// in that model.
+    /// headers: they are read from the `config.json` next to the file, which must agree with the headers. If there
+    /// is no `config.json`, the axes of the published model are used. They are valid only for heads with the same
+    /// number of channels as in the published model.
     pub fn of(source: &Source) -> Result<(Layout, Self)> {
         let layout = ["", "model.diffusion_model."]
             .into_iter()
@@ -140,7 +140,7 @@ impl Config {
             || config.axes.iter().any(|axis| axis % 2 != 0)
         {
             return Err(source.wrong(format!(
-                "its attention heads have {head} channels, but the axes {:?} require another number; put the `config.json` of the model, which lists the right axes, next to the file",
+                "its attention heads have {head} channels, and the axes {:?} do not fit this number; put the `config.json` of the model, which lists the right axes, next to the file",
                 config.axes
             )));
         }
@@ -179,7 +179,7 @@ impl Config {
         };
         if said != *self {
             let what = format!(
-                "it does not match `{}`, which is next to it: it describes {said:?}, but the file contains {self:?}",
+                "it describes a model with the sizes {said:?}, but `{}` contains a model with the sizes {self:?}",
                 file.display()
             );
             return Err(Error::file(&path, what));

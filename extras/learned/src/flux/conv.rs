@@ -1,4 +1,4 @@
-//! Convolutions over pictures whose left and right edges may be neighbours.
+//! Convolutions of pictures, with an option to treat the left and right edges as neighbours.
 
 use candle_core::Tensor;
 
@@ -34,8 +34,8 @@ impl Conv {
         Ok(Self { weight, bias: bias.reshape((outputs, 1, 1))?, stride })
     }
 
-    /// Convolves `x`, whose shape is channels x height x width. At a stride of 1, a 3 x 3 kernel reads one pixel
-    /// beyond each edge; at a stride of 2, one pixel beyond the right and bottom edges only.
+    /// Convolves `x`, whose shape is channels x height x width. A 3 x 3 kernel reads one pixel beyond each edge if
+    /// the stride is 1. If the stride is 2, it reads one pixel beyond the right and bottom edges only.
     pub fn forward(&self, x: &Tensor, edge: Edge, watch: &mut dyn Watch) -> Result<Tensor> {
         let size = self.weight.dim(3)?;
         let before = if size == 3 && self.stride == 1 { 1 } else { 0 };

@@ -13,7 +13,7 @@ pub enum Error {
         /// The problem and the remedy.
         what: String,
     },
-    /// Sizes or options do not match.
+    /// Sizes or options that do not match. The text describes the problem.
     #[error("{0}")]
     Mismatch(String),
     /// [`Watch::check`](super::Watch::check) requested to stop.
@@ -30,7 +30,7 @@ impl Error {
         Self::File { file: file.to_owned(), what: what.into() }
     }
 
-    /// Returns a function that converts an error of the system into an error about `file`.
+    /// Returns a function that converts an I/O error into an error that names `file`.
     pub(crate) fn io(file: &Path) -> impl FnOnce(std::io::Error) -> Self + '_ {
         move |error| Self::file(file, error.to_string())
     }

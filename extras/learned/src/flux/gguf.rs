@@ -11,7 +11,7 @@ use candle_core::quantized::GgmlDType;
 use super::error::{Error, Result};
 use super::source::{Entry, Format};
 
-/// Maximum length of a name or text in bytes. The format limits tensor names to 64 bytes.
+/// Maximum length in bytes of a name or another text. The file format itself limits tensor names to 64 bytes.
 const MAX_TEXT: u64 = 1 << 20;
 /// Maximum number of tensors, and maximum number of metadata values. The published model has 780 tensors.
 const MAX_TENSORS: u64 = 1 << 20;
@@ -130,7 +130,7 @@ impl Header<'_> {
         }
     }
 
-    /// Reads one entry. The start of the entry is relative to the start of the tensor data.
+    /// Reads the entry of one tensor. Its `start` is an offset from the start of the tensor data.
     fn tensor(&mut self, name: &str, file: usize) -> Result<Entry> {
         let axes = self.u32()?;
         if !(1..=4).contains(&axes) {
@@ -169,7 +169,8 @@ fn width(kind: u32) -> Option<u64> {
     }
 }
 
-/// The format with this type code, and the number of weights and the number of bytes of each of its blocks.
+/// The format with this type code, and the numbers of weights and of bytes per block. `None` if the type is not
+/// supported.
 fn format(code: u32) -> Option<(Format, usize, usize)> {
     let plain = |dtype: DType| (Format::Plain(dtype), 1, dtype.size_in_bytes());
     let blocks = |dtype: GgmlDType| (Format::Blocks(dtype), dtype.block_size(), dtype.type_size());

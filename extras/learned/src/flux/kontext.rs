@@ -1,5 +1,6 @@
-//! Editing of a picture. First, the picture is encoded to latents. Then noise is turned step by step into new
-//! latents, with the latents of the picture as a condition. Finally, the new latents are decoded.
+//! Editing of a picture. First, the picture is encoded to latents. Then noise is converted to new latents in
+//! several steps, with the latents of the picture as a second input. Finally, the new latents are decoded to a
+//! picture.
 
 use std::path::PathBuf;
 
@@ -22,7 +23,8 @@ use super::watch::Watch;
 #[derive(Debug, Clone)]
 pub struct Files {
     /// The transformer: a GGUF file, or a safetensors file with the tensor names of the model's authors or of
-    /// `diffusers`. If a safetensors file is split into shards, the first shard.
+    /// `diffusers`. If the model is split into several safetensors files (shards), this is the path of the first
+    /// one.
     pub transformer: PathBuf,
     /// The autoencoder, a safetensors file.
     pub vae: PathBuf,
@@ -62,7 +64,7 @@ pub struct Kontext {
 }
 
 impl Kontext {
-    /// Loads all files. `dtype` is the type in which the transformer computes.
+    /// Loads all files. `dtype` is the number type in which the transformer computes.
     pub fn load(files: &Files, device: &Device, dtype: DType) -> Result<Self> {
         // Small files are read first, so that errors in them are reported before 24 GB are read.
         let source = Source::open(&files.transformer)?;
@@ -178,7 +180,8 @@ impl Kontext {
         unpack(&tokens, rows, columns)
     }
 
-    /// Makes a series of `passes` pictures. Each picture is an edit of the picture before it, and darker.
+    /// Darkens a picture step by step. Returns `passes` pictures: the first is an edit of `picture`, and each
+    /// further picture is an edit of the picture before it.
     pub fn darker(
         &self,
         picture: &Tensor,

@@ -32,7 +32,7 @@ impl Matrix {
         })
     }
 
-    /// Converts the weights to f32.
+    /// Returns a copy of the weights in f32.
     pub(crate) fn to_f32(&self) -> Result<Tensor> {
         self.widened(DType::F32)
     }
@@ -47,7 +47,7 @@ pub struct Update {
     pub down: Tensor,
     /// The matrix `up`, in f32, of shape rows x rank.
     pub up: Tensor,
-    /// Scale of the update: `strength * alpha / rank`.
+    /// Factor by which the update is multiplied: `strength * alpha / rank`.
     pub scale: f64,
 }
 
@@ -73,7 +73,7 @@ impl Linear {
         &self.name
     }
 
-    /// Adds an update. Its sizes must match those of the layer.
+    /// Adds an update. Returns an error if the shapes of its matrices do not fit the layer.
     pub fn update(&mut self, update: Update) -> Result<()> {
         let (rows, columns) = self.weight.size()?;
         let ((up, rank), (down_rank, down)) = (update.up.dims2()?, update.down.dims2()?);

@@ -9,7 +9,7 @@ use super::linear::{Linear, Matrix};
 use super::names::Layout;
 use super::source::{Format, Source, Stored};
 
-/// Sizes of a network, from which its memory is estimated.
+/// Counts of the weights in a network, from which the required memory is estimated.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Tally {
     /// Number of tensors that were read.
@@ -22,7 +22,7 @@ pub struct Tally {
     pub largest: u64,
 }
 
-/// Supplies the tensors of a [`Source`] to a network, which requests them by the names of its parts.
+/// Supplies a network with the tensors of a [`Source`]. The network requests tensors by the names of its parts.
 /// [`finish`](Self::finish) reports tensors that are missing, have a wrong shape or were never requested.
 pub struct Loader<'a> {
     source: &'a Source,
@@ -80,7 +80,7 @@ impl<'a> Loader<'a> {
         }
     }
 
-    /// Reads tensors and stacks them along their first axis.
+    /// Reads the tensors called `keys` and concatenates them along their first axis.
     fn rows(&mut self, keys: &[String], rows: usize, columns: Option<usize>) -> Result<Matrix> {
         let shape: Vec<usize> = [rows].into_iter().chain(columns).collect();
         let found: usize = keys.iter().filter_map(|key| self.source.shape(key)?.first()).sum();
@@ -102,8 +102,8 @@ impl<'a> Loader<'a> {
         Ok(Matrix::Plain(if parts.len() == 1 { parts.remove(0) } else { Tensor::cat(&parts, 0)? }))
     }
 
-    /// Returns true and counts the tensor if a tensor with this name and a fitting shape exists. Otherwise records
-    /// the problem.
+    /// Looks for the tensor called `key`, and counts it if it exists. Returns true if `fits` accepts the shape of
+    /// the tensor. Otherwise, records the problem for [`finish`](Self::finish).
     fn wants(&mut self, key: &str, fits: impl Fn(&[usize]) -> bool) -> bool {
         self.asked.insert(key.to_owned());
         let Some(entry) = self.source.entries().get(key) else {

@@ -12,13 +12,13 @@ use super::loader::swapped;
 use super::names::{Layout, linears, piece_rows};
 use super::source::Source;
 
-/// The updates in one LoRA file, by the names of the layers that they change.
+/// The updates in one LoRA file, keyed by the name of the layer that they change.
 #[derive(Debug)]
 pub struct Lora {
     updates: BTreeMap<String, Vec<Update>>,
 }
 
-/// The layer that a module's LoRA update changes, and the range of rows that it changes.
+/// The part of the model that one module of a LoRA file changes: a range of rows of a layer.
 #[derive(Clone)]
 struct Target {
     module: String,
@@ -28,7 +28,7 @@ struct Target {
     swapped: bool,
 }
 
-/// The names in a LoRA file of the tensors that belong to one module.
+/// Names of the tensors of one module, as found in a LoRA file; `None` for a tensor that was not found.
 #[derive(Default)]
 struct Found {
     down: Option<String>,
@@ -63,7 +63,9 @@ impl Lora {
                 Ending::Alpha => &mut module.alpha,
             };
             if slot.replace(key.clone()).is_some() {
-                return Err(source.wrong(format!("`{key}` duplicates another tensor")));
+                return Err(
+                    source.wrong(format!("`{key}` and another tensor set the same part of an update"))
+                );
             }
         }
         if !unknown.is_empty() {
@@ -118,7 +120,7 @@ impl Target {
                 let (rows, columns) = (self.rows, self.columns);
                 let (up, down) = (up.unwrap_or_default(), down.unwrap_or_default());
                 return Err(source.wrong(format!(
-                    "the matrices of the update of `{stem}` have shapes {up:?} and {down:?}; the layer has {rows} x {columns}"
+                    "the matrices of the update of `{stem}` have shapes {up:?} and {down:?}; the layer has {rows} x {columns} weights"
                 )));
             }
         };
@@ -158,8 +160,8 @@ enum Ending {
     Alpha,
 }
 
-/// Splits a key into the name of a module, without the prefix of a trainer, and the ending, which identifies the
-/// matrix.
+/// Splits the name of a tensor into the name of the module, without a trainer's prefix, and the ending. Returns
+/// `None` if the ending is unknown.
 fn stem(key: &str) -> Option<(&str, Ending)> {
     const ENDINGS: [(&str, Ending); 5] = [
         (".lora_A.weight", Ending::Down),
@@ -176,8 +178,8 @@ fn stem(key: &str) -> Option<(&str, Ending)> {
     Some((stem, ending))
 }
 
-/// All names of layers that LoRA files use, with their targets. They include the names of both layouts, with dots
-/// and with underscores.
+/// The target of each module name that a LoRA file can contain. The names are those of both layouts, with dots and
+/// with underscores.
 fn targets(config: &Config) -> BTreeMap<String, Target> {
     let mut targets = BTreeMap::new();
     for (module, rows, columns) in linears(config) {
@@ -195,11 +197,11 @@ fn targets(config: &Config) -> BTreeMap<String, Target> {
     targets
 }
 
-/// Reads `lora_alpha` from the header, where peft writes it in the JSON text `lora_adapter_metadata`.
+/// Reads `lora_alpha` from the header. The library peft writes it into the JSON text `lora_adapter_metadata`.
 fn header_alpha(source: &Source) -> Result<Option<f64>> {
     let Some(text) = source.metadata().get("lora_adapter_metadata") else { return Ok(None) };
     let json: serde_json::Value = serde_json::from_str(text).map_err(|error| {
-        source.wrong(format!("`lora_adapter_metadata` in its header is not JSON: {error}"))
+        source.wrong(format!("`lora_adapter_metadata` in the header is not valid JSON: {error}"))
     })?;
     let field = |name: &str| json.get(format!("transformer.{name}")).or_else(|| json.get(name));
     for (unsupported, what) in [("use_dora", "DoRA"), ("use_rslora", "a scale of alpha / sqrt(rank)")] {
@@ -212,8 +214,9 @@ fn header_alpha(source: &Source) -> Result<Option<f64>> {
     for pattern in ["alpha_pattern", "rank_pattern"] {
         let listed = field(pattern).and_then(serde_json::Value::as_object).is_some_and(|map| !map.is_empty());
         if pattern == "alpha_pattern" && listed {
-            return Err(source
-                .wrong("the file has an alpha for each layer in `alpha_pattern`, which is not supported"));
+            return Err(source.wrong(
+                "the file sets alpha separately for some layers (`alpha_pattern`), which is not supported",
+            ));
         }
     }
     Ok(field("lora_alpha").and_then(serde_json::Value::as_f64))

@@ -6,10 +6,10 @@ use super::conv::MAX_UNROLLED;
 use super::loader::Tally;
 use super::vae::VaeConfig;
 
-/// Estimated memory of an edit in f32, in bytes.
+/// Estimated memory, in bytes, that an edit needs when it is computed in f32.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Memory {
-    /// Memory of the weights, in the type in which they are kept.
+    /// Memory of all weights, in the types in which they are stored.
     pub weights: u64,
     /// Memory of the largest matrix after its conversion to the type of the computation.
     pub widened: u64,
@@ -18,7 +18,8 @@ pub struct Memory {
 }
 
 impl Memory {
-    /// Estimates the memory for a picture of `width` x `height` pixels and a prompt of `texts` tokens.
+    /// Estimates the memory that an edit of a picture of `width` x `height` pixels needs, with a prompt of `texts`
+    /// tokens.
     pub fn of(
         (config, transformer): (&Config, &Tally),
         (vae_config, vae): (&VaeConfig, &Tally),

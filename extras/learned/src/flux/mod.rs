@@ -1,5 +1,6 @@
-//! Flux.1 Kontext, an image-editing diffusion model. The paper uses it to predict how a panorama looks at a darker
-//! exposure. A LoRA specializes the model for this edit, and the prompt is fixed. The user supplies the weights.
+//! Flux.1 Kontext, an image-editing diffusion model. The paper that lightharmony implements, LightHarmony3D, uses
+//! it to predict how a panorama looks at a darker exposure. A LoRA specializes the model for this edit, and the
+//! prompt is fixed. The user supplies the weights.
 
 use candle_core::Tensor;
 
@@ -51,12 +52,12 @@ pub use watch::Watch;
 
 pub use candle_core::{DType, Device};
 
-/// Returns a GPU if the build supports one (feature `cuda`) and one is present, otherwise the CPU.
+/// Returns a GPU if the build supports GPUs (feature `cuda`) and a GPU is present; otherwise, the CPU.
 pub fn device() -> Result<Device> {
     Ok(Device::cuda_if_available(0)?)
 }
 
-/// Converts samples from 0 to 1 to a picture. The samples are 3 planes of height x width.
+/// Converts samples to a picture. The samples are from 0 to 1, in 3 planes of height x width.
 pub fn picture(planes: &[f32], (width, height): (usize, usize), device: &Device) -> Result<Tensor> {
     Ok(Tensor::from_slice(planes, (3, height, width), device)?)
 }

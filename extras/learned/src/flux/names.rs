@@ -6,13 +6,13 @@
 
 use super::config::Config;
 
-/// The tensors of a file whose rows, one after another, form one part of the transformer.
+/// The tensors in a file that form one part of the transformer when their rows are concatenated.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Pieces {
     /// Names of modules, without `.weight` or `.bias`.
     pub modules: Vec<String>,
-    /// True if the first and the second half of the rows are swapped: in the last modulation, `diffusers` stores
-    /// (scale, shift), the authors (shift, scale).
+    /// True if the file contains the first and the second half of the rows in swapped order. In the last
+    /// modulation, `diffusers` stores first the scales and then the shifts; the authors store first the shifts.
     pub swapped: bool,
 }
 
@@ -49,7 +49,7 @@ impl Layout {
     }
 }
 
-/// The modules of `diffusers` that correspond to a module in the names of the authors.
+/// The modules of `diffusers` that correspond to the part that the authors call `module`.
 fn diffusers(module: &str) -> Pieces {
     let whole = |name: String| Pieces { modules: vec![name], swapped: false };
     let several = |block: &str, parts: &[&str]| Pieces {
@@ -123,7 +123,7 @@ fn renamed<'a, const N: usize>(name: &'a str, table: &Table<N>) -> &'a str {
     table.iter().find(|(ours, _)| *ours == name).map_or(name, |(_, theirs)| theirs)
 }
 
-/// Every linear layer of a model of this size, with its name, number of rows and number of columns.
+/// The name, number of rows and number of columns of every linear layer of a model with these sizes.
 pub fn linears(config: &Config) -> Vec<(String, usize, usize)> {
     let Config { hidden, mlp, .. } = *config;
     let mut list = vec![
@@ -157,8 +157,8 @@ pub fn linears(config: &Config) -> Vec<(String, usize, usize)> {
     list
 }
 
-/// The number of rows of each piece of a module that `diffusers` splits. Queries, keys and values have `hidden`
-/// rows each; the last piece has all remaining rows.
+/// The number of rows of each piece of a module that the layout of `diffusers` splits into `pieces` pieces. Each
+/// piece has `hidden` rows, except the last piece, which has all remaining rows.
 pub fn piece_rows(config: &Config, rows: usize, pieces: usize) -> Vec<usize> {
     if pieces == 1 {
         return vec![rows];

@@ -1,5 +1,5 @@
-//! Random numbers that are computed from their index, so that a seed gives the same noise on any machine and in any
-//! order.
+//! Random numbers that are each computed from a seed and an index, so that the noise depends neither on the machine
+//! nor on the order of computation.
 
 use candle_core::{Device, Tensor};
 

@@ -8,8 +8,8 @@ use super::config::Config;
 use super::error::Result;
 use super::source::Source;
 
-/// Text input of the transformer. The prompt is always the same, so its text encoders (9.8 GB) are run only once,
-/// by another program, and their output (4 MB) is stored.
+/// Text input of the transformer. The prompt is always the same, so the text encoders (9.8 GB) need to be run only
+/// once. Another program runs them and stores their output (4 MB).
 #[derive(Debug, Clone)]
 pub struct Prompt {
     /// The tokens of the prompt, encoded by T5-XXL: tokens x context, f32.
@@ -18,7 +18,7 @@ pub struct Prompt {
     pub pooled: Tensor,
 }
 
-/// Maximum number of text tokens. The model was trained with at most this number.
+/// Maximum number of text tokens. The model was trained with at most this number of tokens.
 const MAX_TOKENS: usize = 512;
 
 impl Prompt {

@@ -13,9 +13,9 @@ pub fn grid(frame: f32, rows: usize, columns: usize) -> Vec<Place> {
     (0..rows).flat_map(|row| (0..columns).map(move |column| [frame, row as f32, column as f32])).collect()
 }
 
-/// Cosines and sines of the rotations. Both tensors are f32 and have the shape tokens x (head / 2). Angles are
-/// computed in f64 from f32 places even if the weights are bf16, because the 8 bits of precision of bf16 can
-/// distinguish only 256 columns.
+/// Rotations that encode the places of tokens, as cosines and sines. Both tensors are f32 and have the shape tokens
+/// x (head / 2). Angles are computed in f64 from f32 places even if the weights are bf16, because the 8 bits of
+/// precision of bf16 can distinguish only 256 columns.
 #[derive(Debug, Clone)]
 pub struct Rotations {
     /// Cosine of the angle by which each pair of channels is rotated.
@@ -25,7 +25,7 @@ pub struct Rotations {
 }
 
 impl Rotations {
-    /// The rotations of tokens at these places. `axes` contains the number of channels of a head that are rotated
+    /// The rotations of tokens at these places. `axes` contains the numbers of channels per head that are rotated
     /// by the frame, the row and the column, respectively.
     pub fn new(places: &[Place], axes: [usize; 3], device: &Device) -> Result<Self> {
         const BASE: f64 = 10_000.0;

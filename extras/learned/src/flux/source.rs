@@ -1,4 +1,4 @@
-//! Tensors in files. The headers of the files contain the locations of the tensors, and tensors are read one at a
+//! Tensors in files. The location of each tensor is read from the header of its file. Tensors are read one at a
 //! time.
 
 use std::collections::BTreeMap;
@@ -85,7 +85,7 @@ impl Source {
         Ok(source)
     }
 
-    /// The path of the first file. Messages name this file for all of them.
+    /// The path of the first file. Messages about any of the files name this one.
     pub fn path(&self) -> &Path {
         &self.files[0]
     }
@@ -139,7 +139,7 @@ impl Source {
     }
 }
 
-/// The paths of all shards if `path` is the first of several shards. Otherwise, only `path`.
+/// Returns the paths of all shards if `path` is the first of several shards. Otherwise, returns only `path`.
 pub fn shards(path: &Path) -> Vec<PathBuf> {
     let alone = || vec![path.to_owned()];
     let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();

@@ -1,6 +1,6 @@
-//! Training of a LoRA on pairs of pictures, with a frozen base model. As in the paper, the method is DreamBooth
-//! (Ruiz et al. 2023) with one fixed prompt. The loss is the loss with which the base model was trained (flow
-//! matching, Esser et al. 2024).
+//! Training of a LoRA on pairs of pictures, with a frozen base model. As in the paper LightHarmony3D, the method is
+//! DreamBooth (Ruiz et al. 2023) with one fixed prompt. The loss is the same as in the training of the base model
+//! (flow matching, Esser et al. 2024).
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -24,7 +24,7 @@ use super::watch::Watch;
 pub struct TrainSettings {
     /// Rank of every update.
     pub rank: usize,
-    /// Numerator of the scale of each update, `alpha / rank * up * down`.
+    /// Parameter of the scale of each update: the update is `alpha / rank * up * down`.
     pub alpha: f64,
     /// Learning rate. Each step changes a weight by about this amount.
     pub rate: f64,
@@ -34,15 +34,15 @@ pub struct TrainSettings {
     pub seed: u64,
 }
 
-/// Latents of a picture and latents of its target, each of shape channels x height x width.
+/// Latents of a picture and of its target, each of shape channels x height x width.
 #[derive(Debug, Clone)]
 pub struct Pair {
     from: Tensor,
     to: Tensor,
 }
 
-/// An update that is being trained, and the two running means of Adam for each of its matrices (Kingma and Ba
-/// 2015).
+/// An update that is being trained. For each of its two matrices, it also contains the two running means of the
+/// Adam optimiser (Kingma and Ba 2015).
 struct Adapter {
     /// Name of the layer in `diffusers`, without `transformer.`.
     module: String,
@@ -61,7 +61,7 @@ pub struct Trainer {
     done: u64,
 }
 
-/// True for a layer that is trained. All layers of attention and of the perceptrons are trained; layers that
+/// True if the layer `module` is trained. All layers of attention and of the perceptrons are trained; layers that
 /// compute modulations are not.
 fn trained(module: &str) -> bool {
     (module.starts_with("transformer_blocks.") || module.starts_with("single_transformer_blocks."))
@@ -204,8 +204,8 @@ impl Trainer {
         self.done
     }
 
-    /// Index of the pair for the next step, less than `count`. Each round uses every pair once, in an order that
-    /// differs from round to round.
+    /// Index of the pair to use in the next step, if there are `count` pairs. Each round of `count` steps uses
+    /// every pair once, in an order that differs from round to round.
     pub fn next(&self, count: usize) -> usize {
         let (round, turn) = (self.done / count as u64, self.done % count as u64);
         let mut order: Vec<usize> = (0..count).collect();
@@ -256,8 +256,8 @@ impl Trainer {
         write(path, tensors, &[("done", self.done.to_string()), ("settings", settings), ("from", from)])
     }
 
-    /// Continues from a state written by [`Trainer::save_state`], which must have been written with the same
-    /// settings and data. The result is the same as the result of an uninterrupted training.
+    /// Continues from a state that [`Trainer::save_state`] wrote with the same settings and data. The result is the
+    /// same as if the training had not been interrupted.
     pub fn load_state(&mut self, path: &Path, learned_from: &str) -> Result<()> {
         let source = Source::open(path)?;
         let said = source.metadata().get("settings");
@@ -265,11 +265,11 @@ impl Trainer {
         if said != Some(&settings) {
             let said = said.map_or("unknown settings", String::as_str);
             return Err(source.wrong(format!(
-                "the file belongs to a training run with {said}, not {settings}; remove it to start again"
+                "the file belongs to a training run with {said}, not {settings}; remove the file to start again"
             )));
         }
         if source.metadata().get("from").map(String::as_str) != Some(learned_from) {
-            return Err(source.wrong("the file belongs to a training run with other panoramas or another width, prompt or model; remove it to start again"));
+            return Err(source.wrong("the file belongs to a training run with different panoramas or a different width, prompt or model; remove the file to start again"));
         }
         let done = source.metadata().get("done").and_then(|text| text.parse().ok());
         self.done =

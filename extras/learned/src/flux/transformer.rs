@@ -14,7 +14,8 @@ use super::rope::{Place, Rotations};
 use super::source::Source;
 use super::watch::Watch;
 
-/// Two linear layers with a silu between them. They compute the embedding of a number or a vector.
+/// Two linear layers with the activation function silu between them. They compute the embedding of a number or of a
+/// vector.
 struct Embedder {
     inward: Linear,
     outward: Linear,
@@ -131,7 +132,8 @@ impl Transformer {
 
     /// Predicts the velocity of every token of the new picture, in f32. The result has the shape tokens x
     /// in_channels. `tokens` contains the tokens of the new picture followed by the tokens of the original picture,
-    /// and `places` the places of all of them. `time` is the noise level of the new picture, from 1 to 0.
+    /// and `places` contains the place of each of these tokens. `time` is the noise level of the new picture: 1 for
+    /// pure noise, 0 for no noise.
     pub fn forward(
         &self,
         tokens: &Tensor,

@@ -19,10 +19,9 @@ use super::watch::Watch;
 /// The sizes of an autoencoder, derived from its file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct VaeConfig {
-    /// Number of channels at each size of the picture, starting with the full size.
+    /// Number of channels at each of the picture sizes inside the network, starting with the full size.
     pub widths: Vec<usize>,
-    /// Number of residual blocks of the encoder at each size of the picture. The decoder has one more block at each
-    /// size.
+    /// Number of residual blocks of the encoder at each picture size. The decoder has one more block at each size.
     pub blocks: usize,
     /// Number of channels of the latents.
     pub latents: usize,
@@ -57,8 +56,8 @@ impl VaeConfig {
     }
 
     /// Derives the sizes from the shapes in the header. The number of groups, the scale and the shift are not in
-    /// the header: they are read from the `config.json` next to the file. If there is none, the values of Flux.1
-    /// are used.
+    /// the header: they are read from the `config.json` next to the file. If there is no such file, the values of
+    /// Flux.1 are used.
     fn of(source: &Source) -> Result<(Names, Self)> {
         let original = source.shape("encoder.down.0.block.0.conv1.weight").is_some();
         let mut names = Names { original, levels: 0 };
@@ -98,7 +97,8 @@ impl VaeConfig {
     }
 }
 
-/// Number of picture sizes. Width and height are halved three times, which gives an eighth.
+/// Number of picture sizes inside the network. Width and height are halved three times, to an eighth of the full
+/// size.
 const LEVELS: usize = 4;
 
 /// Conversion of part names. This crate uses the names of the model's authors; a file may use the names of
@@ -180,8 +180,8 @@ impl Parts<'_, '_> {
         })
     }
 
-    /// Loads a linear layer that is applied to each pixel. The authors store it as a convolution with a 1 x 1
-    /// kernel.
+    /// Loads a linear layer that is applied to each pixel. In the authors' files, such a layer is a convolution
+    /// with a 1 x 1 kernel.
     fn pixelwise(&mut self, name: &str, channels: usize) -> Result<Linear> {
         let name = self.names.of(name);
         let shape: &[usize] =

@@ -27,8 +27,8 @@ fn grown(key: &str, size: usize) -> usize {
     }
 }
 
-/// The keys and shapes of the published model. They are derived from a file of the small model: its blocks are
-/// repeated, and its sizes replaced.
+/// The keys and shapes of the published model. They are derived from a file of the small model, whose blocks are
+/// repeated and whose sizes are replaced with those of the published model.
 fn keys(file: &str) -> Vec<(String, Vec<usize>)> {
     let small = Source::open(&fixture().join(file)).unwrap();
     let mut list = Vec::new();
@@ -68,8 +68,8 @@ fn safetensors(path: &Path, keys: &[(String, Vec<usize>)]) {
     file.set_len((8 + text.len() + start) as u64).unwrap();
 }
 
-/// Writes a GGUF file with matrices of four bits per weight and all other tensors in f32, like the files of the
-/// usual converters.
+/// Writes a GGUF file that contains matrices with four bits per weight and all other tensors in f32, as the usual
+/// converters do.
 fn gguf(path: &Path, keys: &[(String, Vec<usize>)]) {
     let mut file = File::create(path).unwrap();
     let mut put = |bytes: &[u8]| file.write_all(bytes).unwrap();

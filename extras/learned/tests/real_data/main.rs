@@ -1,5 +1,5 @@
-//! Comparison with a reference: the tensors that `diffusers` computes for a small model with random weights. Also
-//! contains other tests that need such a model.
+//! Comparison with a reference: the tensors that `diffusers` computes for a small model with random weights. Other
+//! tests that need the small model are also here.
 
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "tests")]
 

@@ -118,7 +118,7 @@ fn every_named_tensor_is_the_reference_s() {
     }
 }
 
-/// Largest difference from the reference in each run, by the name of the tensor.
+/// For each tensor, by name: the largest difference from the reference in each run.
 #[derive(Default)]
 struct Worst(BTreeMap<String, Vec<f32>>);
 

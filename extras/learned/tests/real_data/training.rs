@@ -152,6 +152,6 @@ fn the_loss_falls_only_the_lora_changes_and_going_on_is_as_never_having_stopped(
     for (settings, from) in [(other, "these"), (SETTINGS, "others")] {
         let mut trainer = Trainer::new(kontext(folder.path(), None), settings).unwrap();
         let error = trainer.load_state(&at("state"), from).unwrap_err();
-        assert!(error.to_string().contains("remove it to start again"), "{error}");
+        assert!(error.to_string().contains("remove the file to start again"), "{error}");
     }
 }

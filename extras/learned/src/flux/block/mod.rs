@@ -48,7 +48,7 @@ impl HeadNorm {
     }
 
     /// Splits `qkv`, of shape tokens x (3 * hidden), into queries, keys and values, each of shape heads x tokens x
-    /// head. The queries and keys are normalized.
+    /// head. Then normalizes the queries and keys.
     fn split(&self, qkv: &Tensor, head: usize) -> Result<[Tensor; 3]> {
         let (tokens, width) = qkv.dims2()?;
         let apart = qkv.reshape((tokens, 3, width / 3 / head, head))?.permute((1, 2, 0, 3))?.contiguous()?;

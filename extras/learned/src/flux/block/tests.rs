@@ -20,7 +20,7 @@ const TEXTS: usize = 2;
 
 type Rows = Vec<Vec<f64>>;
 
-/// Random numbers that f32 can represent exactly.
+/// Returns `count` rows of `length` random numbers, which f32 can represent exactly.
 fn rows(stream: u64, count: usize, length: usize, spread: f64) -> Rows {
     let value = |i: usize| f64::from((normal(5, stream, i as u64) * spread) as f32);
     (0..count).map(|row| (0..length).map(|column| value(row * length + column)).collect()).collect()
