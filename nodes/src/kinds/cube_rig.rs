@@ -62,7 +62,7 @@ fn turned(a: DVec3, b: DVec3, degrees: f64) -> (DVec3, DVec3) {
     (a * cos + b * sin, b * cos - a * sin)
 }
 
-/// The six cameras at `eye`, in a world whose right, forward and up are `axes`.
+/// The six cameras at `eye`. `axes` are the right, forward and up directions of the world.
 pub(crate) fn cube(eye: DVec3, axes: [DVec3; 3], size_px: u32, guard_deg: f64, turn: Turn) -> Rig {
     let [mut right, mut forward, mut above] = axes;
     if turn == Turn::OffAxis {

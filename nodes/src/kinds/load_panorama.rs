@@ -145,7 +145,7 @@ impl Kind for LoadPanorama {
     }
 }
 
-/// The rotation by a whole number of columns that is nearest to a rotation by `degrees`. It is given in degrees.
+/// The rotation, in degrees, by the whole number of columns that is nearest to a rotation by `degrees`.
 fn whole_columns(degrees: f64, width: usize, notes: &mut Notes) -> f64 {
     let column = 360.0 / width as f64;
     let whole = (degrees / column).round() * column;
@@ -202,7 +202,7 @@ fn fill_holes(
     Ok(Some(filled.into_iter().map(code).collect()))
 }
 
-/// The photograph that a camera would take of the light, and the light itself at the same exposure.
+/// Returns the photograph that a camera would take of the light, and the light itself at the same exposure.
 fn photograph(mut light: Image<Linear>, ev: f64, up: Up, notes: &mut Notes) -> (Picture, Image<Linear>) {
     let ev0 = ev0_scale(&light).unwrap_or_else(|| {
         notes.warning("no-light", "the panorama is black; its exposure cannot be measured");
@@ -322,8 +322,8 @@ mod tests {
         assert!(matches!(&out.pano.image, Picture::Linear(image) if image.rgb(1, 1) == [900.0; 3]));
     }
 
-    /// After a rotation by a fraction of a pixel, a hole has a soft edge that is not dark. This test fails if
-    /// `straight` is called before `turn`.
+    /// If the panorama is rotated by a fraction of a pixel, a hole gets a soft edge that is not dark. This test
+    /// fails if `straight` is called before `turn`.
     #[test]
     fn a_turn_mixes_what_is_seen() {
         let (seen, hole) = ([0.8, 0.4, 0.2, 1.0], [0.0; 4]);

@@ -43,7 +43,7 @@ engine::params! {
         path: InputFile, other("\"b.ply\"");
         /// More files of the same scene, such as the chunks of a capture; appended in this order.
         more: Vec<InputFile> = Vec::new(), other("[\"b.ply\"]");
-        /// True to fail at the first row that would be dropped, with an error that names it.
+        /// True to fail at the first row that would be dropped. The error then names this row.
         strict: bool = false, inert("the output does not change unless there is an error");
         /// Maximum length of the axes of a splat. Splats with a longer axis are dropped: they hide the scene, and
         /// usually mean that scales were not stored as logarithms.

@@ -20,7 +20,7 @@ engine::params! {
     /// stretched, two pinhole cameras are used instead and blended with the layout between 25 and 30 degrees
     /// from the pole. Replaces `cube-rig`, `splat-render` and `stitch`.
     pub struct SplatPanorama {
-        /// Height of the point of the panorama above the origin of the pose, along the up axis.
+        /// Height of the panorama's viewpoint above the origin of the pose, along the up axis.
         height_metres: f64 = 0.5, range(-1000.0, 1000.0), unit("m"), other("0.75");
         /// Width of the panorama, even; the height is half of it.
         width_px: u32 = 2048, range(16, 16384), unit("px"), other("64"),
@@ -54,8 +54,8 @@ engine::outputs! {
         image: Arc<Images>,
         /// Coverage of each pixel, 0 to 1.
         alpha: Arc<Images>,
-        /// Distance from the point in world units, +inf where nothing is seen: the mean over the samples of a
-        /// pixel, weighted by alpha.
+        /// Distance from the panorama's viewpoint in world units, +inf where nothing is seen: the mean over the
+        /// samples of a pixel, weighted by alpha.
         depth: Arc<Images>,
         /// Number of splats blended into each pixel, over all its samples; empty unless `count_blends` is set.
         blends: Arc<Images>,

@@ -36,7 +36,7 @@ engine::params! {
         /// default is the names of the outputs that the wires come from.
         names: Vec<String> = Vec::new(), other("[\"B\"]");
         /// True to write colours as 16-bit floats, which take half the space and have about three significant
-        /// digits. Samples that overflow are counted. Data (depth, masks, variance) stays in 32 bits.
+        /// digits. Samples that overflow are clamped and counted. Data (depth, masks, variance) stays in 32 bits.
         half: bool = false, other("true");
         /// Encoding of the written colours. `Linear` un-premultiplies display-encoded colours, decodes them and
         /// premultiplies them again; alpha, linear light and data are unchanged.
@@ -176,8 +176,8 @@ impl Kind for WriteExr {
     }
 }
 
-/// Name of each layer: from `names`, or the name of the output that it comes from. A single picture has no
-/// name.
+/// Name of each layer: from `names`, or the name of the output that the layer comes from. The layer of `image` has
+/// no name unless `names` gives one.
 fn layer_names<'a>(
     p: &'a WriteExr,
     images: usize,

@@ -64,7 +64,7 @@ impl Kind for WriteReport {
     }
 }
 
-/// Formats a cell. A number has the shortest form that parses to the same value.
+/// Formats a cell with all digits. A number has the shortest form that parses to the same value.
 fn exact(cell: &Cell) -> String {
     match cell {
         Cell::Text(text) => text.clone(),
@@ -74,7 +74,7 @@ fn exact(cell: &Cell) -> String {
     }
 }
 
-/// Formats a cell for readers. A number has about five digits.
+/// Formats a cell for people to read. A number has about five digits.
 fn short(cell: &Cell) -> String {
     match cell {
         Cell::Number(x) if *x == 0.0 => "0".to_owned(),

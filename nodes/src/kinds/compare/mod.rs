@@ -16,7 +16,7 @@ use table::{cells, unknown};
 engine::choices! {
     /// Encoding in which pictures are compared.
     pub enum Space {
-        /// Display values with the sRGB curve, clamped to 0 to 1, as in papers.
+        /// Display values with the sRGB curve, clamped to the range from 0 to 1, as papers do.
         Display,
         /// Linear light, not clamped. PSNR and SSIM still assume that white is 1. FLIP is replaced by HDR-FLIP over
         /// a range of exposures computed from the reference.
@@ -56,7 +56,7 @@ engine::params! {
     pub struct Compare {
         /// Encoding in which to compare. Pictures of data are compared unchanged.
         space: Space = Space::Display, other("Linear");
-        /// True to round display values to 8 bits first, as in papers that compare PNG files.
+        /// True to round display values to 8 bits before they are compared, as in papers that compare PNG files.
         quantise: bool = true, other("false");
         /// Names of the regions, in the order of the wires. They must be unique, and none may be `whole`.
         names: Vec<String> = Vec::new(), other("[\"shadow\"]"), inert("without regions there is nothing to name");
@@ -70,7 +70,7 @@ engine::params! {
         /// Scores that another program gave to pictures for a required text and for a forbidden text: pairs
         /// (positive, negative) of numbers of at least 0. For each pair, the table `prompt` has the share `positive
         /// / (positive + negative)`. Its last two rows have the mean of these shares, and the share computed from
-        /// the sums of all positive and all negative scores. Papers differ in which of the two they print.
+        /// the sums of all positive and all negative scores. Papers differ in which of the two they report.
         scores: Vec<[f64; 2]> = Vec::new(), range(0, 1e9), other("[(0.6, 0.2)]");
         /// True to scale the input of LPIPS to the range from -1 to 1, as its networks expect. The code of 3D
         /// Gaussian splatting uses the range from 0 to 1 and prints smaller numbers.
@@ -231,7 +231,8 @@ fn check_names(p: &Compare, regions: usize) -> Result<(), NodeError> {
     Err(NodeError::new(what).at("names").hint("name every region, in the order of the wires"))
 }
 
-/// Number of transparent pixels that a white background would change by half an 8-bit code or more.
+/// Number of transparent pixels whose value would change by half an 8-bit code or more if they were composited on
+/// white instead of black.
 fn open(picture: &Picture) -> usize {
     let (_, _, channels) = picture.size();
     let pixels = picture.samples().chunks_exact(channels.max(1));

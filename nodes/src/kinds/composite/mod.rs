@@ -49,7 +49,7 @@ engine::inputs! {
         object: Arc<Images>,
         /// Factor applied to each channel of the background; without it there is no shadow.
         shadow: Option<Arc<Images>>,
-        /// Light that the objects add to the background (negative where they remove it), from `shadow-ratio`.
+        /// Factor by which each channel of the background is multiplied. If it is not wired, there is no shadow.
         added: Option<Arc<Images>>,
         /// The part of the background that lies in front of the objects, premultiplied, with alpha: a
         /// `splat-render` with `limit: "trace.nearest"`. It covers the objects and their shadow. A mesh in front of
@@ -293,13 +293,13 @@ mod tests {
         assert_eq!(run(Some([0.0; 3]), rgb(b), [0.2, 0.3, 0.001, 1.0], s), [0.2, 0.3, 0.001]);
     }
 
-    /// Light without coverage is added as a glow.
+    /// An object pixel whose alpha is 0 adds its light to the background, as a glow does.
     #[test]
     fn glow_is_added() {
         assert_eq!(run(None, rgb([0.5; 3]), [0.25, 0.0, 0.0, 0.0], [1.0; 3]), [0.75, 0.5, 0.5]);
     }
 
-    /// The result for a premultiplied object is the same as by the formula for straight alpha.
+    /// A premultiplied object gives the same result as the formula for straight alpha.
     #[test]
     fn premultiplied_is_straight_times_alpha() {
         let (b, colour) = (0.4_f32, 0.7_f32);

@@ -19,9 +19,10 @@ pub(super) struct Quad {
     pub uv: [[f64; 2]; 4],
     /// Material of the quad.
     pub paint: Paint,
-    /// Index of its closed solid in the proxy; `None` keeps it out of the proxy.
+    /// Index of the closed solid of the proxy to which the quad belongs. `None` if the quad is not part of the
+    /// proxy.
     pub solid: Option<u32>,
-    /// True if the proxy may divide it into smaller quads.
+    /// True if the proxy may divide the quad into smaller quads.
     pub divide: bool,
 }
 

@@ -44,9 +44,9 @@ engine::params! {
 engine::inputs! {
     /// Outputs of one `path-trace` node.
     pub struct In {
-        /// The receiver without the objects (R0).
+        /// Render of the receiver without the objects (R0).
         without: Arc<Images>,
-        /// The receiver with the objects (R1).
+        /// Render of the receiver with the objects (R1).
         with: Arc<Images>,
         /// The objects, premultiplied.
         object: Arc<Images>,
@@ -76,7 +76,7 @@ const STRENGTHS: [f64; 2] = [0.7, 0.5];
 /// Allowed differences of normals for the ratio and the object, as 1 - cosine. The receiver's mesh is rough and its
 /// normals affect only the ratio; the normals of the object affect the shading that is filtered.
 const BENDS: [f32; 2] = [0.5, 0.05];
-/// Number by which the search radius is divided for objects. Their textures and highlights need a smaller radius.
+/// Divisor of the search radius for objects. Their textures and highlights need a smaller radius.
 const OBJECT_RADIUS: usize = 2;
 impl Denoise {
     fn reach(&self, layer: usize) -> Reach {
@@ -131,7 +131,7 @@ impl Denoise {
     }
 }
 
-/// A guide layer with the given number of channels.
+/// Returns a guide layer, and checks that it has the given number of channels.
 fn guide<'a>(
     images: &'a Images,
     port: &'static str,

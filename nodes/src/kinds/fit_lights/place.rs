@@ -63,7 +63,7 @@ impl Place {
         self.bvh.closest(Ray::new(from.as_vec3(), direction.as_vec3()), |_| true)
     }
 
-    /// Distance to the first surface from a local point.
+    /// Distance from a local point to the first surface in a direction.
     pub fn distance(&self, from: DVec3, direction: DVec3) -> f64 {
         self.hit(from, direction).map_or(f64::INFINITY, |hit| f64::from(hit.t))
     }

@@ -283,9 +283,9 @@ impl Lights {
 struct Light {
     direction: DVec3,
     solid_angle: f64,
-    /// Irradiance of a plane facing the light, after each step.
+    /// Irradiance on a plane that faces the light, after each step.
     irradiance: Vec<f64>,
-    /// Luminance times solid angle, after each step.
+    /// Luminance integrated over solid angle, after each step.
     power: Vec<f64>,
     peak: f64,
     /// Flux from each source. The last source is the base.
@@ -295,7 +295,7 @@ struct Light {
 }
 
 impl Light {
-    /// Irradiance of a plane that faces the light, before fusion.
+    /// Irradiance on a plane that faces the light, before fusion.
     fn before(&self) -> f64 {
         self.irradiance.first().copied().unwrap_or(0.0)
     }
@@ -321,7 +321,7 @@ impl Light {
     }
 }
 
-/// Table of the total power and of the irradiance of the ground, before and after fusion.
+/// Table of the total power and of the irradiance on the ground, before and after fusion.
 fn energy(whole: &[Energy], lights: usize, unlisted: &[Light]) -> Table {
     let row = |name: &str, energy: Option<&Energy>, count: Cell| {
         let Energy { power, ground, peak } = energy.copied().unwrap_or_default();

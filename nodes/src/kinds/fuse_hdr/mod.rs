@@ -102,7 +102,7 @@ engine::outputs! {
     }
 }
 
-/// Linear light from which a derived exposure counts as white, with a margin for the rounding of the transfer
+/// Minimum linear value at which a derived exposure counts as white, with a margin for the rounding of the transfer
 /// curve.
 const WHITE: f32 = 0.999;
 

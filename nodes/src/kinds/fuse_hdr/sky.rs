@@ -33,8 +33,8 @@ const LEAST_GROUND: f64 = 0.05;
 /// the report.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Balance {
-    /// Mean radiance of the visible ground, weighted by solid angle times the cosine to straight down, as for a
-    /// plane above the ground that faces it. `None` if too little was seen.
+    /// Mean radiance of the visible ground, weighted by solid angle and by the cosine of the angle to straight
+    /// down. These are the weights for a plane above the ground that faces down. `None` if too little was seen.
     ground: Option<f64>,
     /// Irradiance from the upper half.
     light: f64,

@@ -11,7 +11,7 @@ use crate::io::foreign::{json_text, refuse_foreign};
 /// Name of the file in the folder of a training run.
 pub const NAME: &str = "dataparser_transforms.json";
 
-/// A rotation and a translation, then a uniform scale.
+/// A rotation and a translation, followed by a uniform scale.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Dataparser {
     transform: DMat4,

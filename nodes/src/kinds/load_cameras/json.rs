@@ -30,7 +30,7 @@ pub fn pictures_without_size(bytes: &[u8]) -> Vec<String> {
     frames.filter(|f| !sized(f)).filter_map(|f| f["file_path"].as_str()).map(picture_path).collect()
 }
 
-/// Reads any of the formats, which are detected by content.
+/// Reads the cameras of a file in any of the formats. The format is detected by content.
 pub fn read(
     file: &str,
     bytes: &[u8],
@@ -137,7 +137,7 @@ fn own(v: &Value) -> Result<Raw, String> {
     })
 }
 
-/// Returns the frame if it has one of these keys, and the top level of the file otherwise.
+/// Returns `frame` if it has one of `keys`, and otherwise the top level of the file.
 fn level<'a>(top: &'a Value, frame: &'a Value, keys: &[&str]) -> &'a Value {
     if keys.iter().any(|key| !frame[*key].is_null()) { frame } else { top }
 }
@@ -154,9 +154,8 @@ fn focal(holder: &Value, [length, radians, degrees]: [&str; 3], size: u64) -> Op
     holder[length].as_f64().or_else(|| angle().map(by_angle))
 }
 
-/// Reads a frame as described on nerfstudio's page on its data format. Values missing in a frame are taken
-/// from the top level of the file. A frame that defines its own lens, in any form, takes no lens values from
-/// the top level.
+/// Reads a frame as described on nerfstudio's page on its data format. Values missing in a frame are taken from the
+/// top level of the file. If a frame defines any lens value, no lens value is taken from the top level.
 fn nerfstudio(top: &Value, frame: &Value, sizes: Sizes<'_>) -> Result<Raw, String> {
     let holder = |key: &str| level(top, frame, &[key]);
     let picture = picture_path(frame["file_path"].as_str().ok_or("has no `file_path`")?);

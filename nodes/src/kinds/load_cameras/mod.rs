@@ -58,7 +58,7 @@ engine::params! {
     /// pictures have the same name, their names include as many folders as are needed to distinguish them, for
     /// example `day1_IMG_0001`.
     pub struct LoadCameras {
-        /// The file, or the folder of a COLMAP model.
+        /// The cameras file, or the folder of a COLMAP model.
         path: InputFile, other("\"b.json\"");
         /// Cameras to load, in this order. An entry is the name or the path of a picture, with the wildcards `*`
         /// and `?`; a range of indices from 0, such as `2..5`, or `0..400..8` for every eighth camera; or a single
@@ -67,7 +67,7 @@ engine::params! {
         pick: Vec<Pick> = Vec::new(), other("[\"0..1\"]");
         /// Name of the list in lightharmony's own JSON format.
         list: String = "views".to_owned(), other("\"cube_faces\""), inert("only lightharmony's own JSON has lists");
-        /// Factor applied to width and height of the pictures.
+        /// Factor by which the width and height of the pictures are multiplied.
         resolution: f64 = 1.0, range(0.001, 64), other("0.5");
         /// Treatment of lens distortion.
         distortion: Distortion = Distortion::Refuse, other("Ignore"), inert("most files have no distortion");
@@ -87,7 +87,7 @@ engine::inputs! {
 engine::outputs! {
     /// Outputs of [`LoadCameras`].
     pub struct Out {
-        /// The cameras in the order of the file, or of `pick`.
+        /// The cameras in the order of the file, or in the order of `pick`.
         rig: Arc<Rig>,
     }
 }
@@ -211,7 +211,7 @@ impl Kind for LoadCameras {
     }
 }
 
-/// A JSON file of cameras, and the pictures that must be read because the file does not contain their sizes.
+/// The JSON file, and the pictures that must be read because the file does not contain their sizes.
 fn with_pictures(file: SourceFile, root: &SourceRoot) -> Vec<SourceFile> {
     let read = || if file.path.is_file() { std::fs::read(&file.path).ok() } else { None };
     let names: BTreeSet<String> =
@@ -273,7 +273,7 @@ fn candidates(path: &InputFile) -> Vec<Vec<InputFile>> {
     candidates
 }
 
-/// Files of the first candidate whose files all exist.
+/// Files of the first of [`candidates`] of which all files exist.
 fn files(path: &InputFile, root: &SourceRoot) -> Result<Vec<InputFile>, NodeError> {
     let there = |files: &Vec<InputFile>| files.iter().all(|file| root.file(file).path.is_file());
     candidates(path).into_iter().find(there).ok_or_else(|| unknown(path))
@@ -360,8 +360,8 @@ fn view_names(pictures: &[&str]) -> Vec<String> {
     names
 }
 
-/// Name of a picture without extension and with the given number of its folders. Characters that a path
-/// cannot contain are replaced.
+/// Name of a picture without its extension, preceded by the names of the `folders` innermost folders of its path.
+/// Characters that are not allowed in a view name are replaced.
 fn view_name(picture: &str, folders: usize) -> String {
     let mut parts: Vec<&str> = stem(picture).rsplit(['/', '\\']).take(folders + 1).collect();
     parts.reverse();
@@ -433,8 +433,8 @@ fn finish(p: &LoadCameras, raw: &Raw, name: String, notes: &mut Notes) -> Result
     })
 }
 
-/// Rotation nearest to a matrix that is a rotation except for rounding. Computed by Newton's iteration for
-/// the polar factor, which squares the error each time.
+/// The rotation nearest to a matrix that differs from a rotation only by rounding. It is computed by Newton's
+/// iteration for the polar factor, which squares the error in each step.
 fn orthonormal(mut m: DMat3) -> Option<DMat3> {
     let off = m.transpose() * m - DMat3::IDENTITY;
     // Files have at least 5 digits; a scale or a mirror image is far beyond this.

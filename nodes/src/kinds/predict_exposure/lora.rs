@@ -25,13 +25,13 @@ pub struct LoraPlan {
     pub vae: PathBuf,
     /// File of the encoded text prompt.
     pub prompt: PathBuf,
-    /// Rank of the updates, which is also their alpha.
+    /// Rank of the LoRA matrices. The LoRA parameter alpha has the same value.
     pub rank: usize,
     /// Learning rate: the largest change of a weight per step.
     pub rate: f64,
-    /// Seed of all random numbers.
+    /// Seed of the random number generator.
     pub seed: u64,
-    /// Total number of steps.
+    /// Total number of training steps.
     pub steps: u64,
     /// Width of the pictures, a multiple of 32.
     pub width: usize,

@@ -54,8 +54,8 @@ engine::params! {
         evs: Vec<f64> = vec![-6.0, -3.0], range(-24.0, -0.1), unit("EV"), other("[-9.0, -4.0]");
         /// Method of estimating hidden light.
         method: Method = Method::Learned, other("Skip");
-        /// Value from which a channel counts as clipped, in linear light with white at 1. Lower it for pictures
-        /// whose white level is below 1, which can happen in splat renders and video.
+        /// Minimum linear value at which a channel counts as clipped, where white is 1. Lower it for pictures whose
+        /// white level is below 1, which can happen in splat renders and video.
         white: f32 = CLIPPED, range(0.5, 1.0), other("0.9");
         /// Weights for `Learned` that replace the built-in ones: a file written by `train-exposure`.
         weights: Option<InputFile> = None, other("\"exposure.safetensors\"");
@@ -82,10 +82,10 @@ engine::outputs! {
     }
 }
 
-/// Value from which a channel counts as clipped. In the data of the regression, clipping sets in gradually between
-/// 0.9 and 1, and this is the middle of that range.
+/// Minimum linear value at which a channel counts as clipped. In the data of the regression, clipping sets in
+/// gradually between 0.9 and 1, and this is the middle of that range.
 pub const CLIPPED: f32 = 0.95;
-/// Maximum number of exposures. They take memory, and more than a few add no information.
+/// Maximum number of exposures. Exposures take memory, and more than a few add no information.
 const MOST_EXPOSURES: usize = 64;
 /// Maximum angle over which averaging onto the grid spreads a light, in radians: the width of two cells.
 const SPREAD: f64 = 0.05;
@@ -230,7 +230,7 @@ impl<'a> Clipped<'a> {
         Self { up, pixels, mask, ceiling, grid, labels, members }
     }
 
-    /// Regions, with the predicted gain of their pixels.
+    /// Regions, each with the predicted gain of its pixels.
     fn with_gain(&self, log2_gain: &[f32]) -> Vec<RegionLight> {
         let n = self.labels.count;
         let (mut size, mut before, mut after) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);

@@ -22,8 +22,8 @@ const BRIGHTER: f32 = 0.25;
 const SHOWN: f64 = 1.2e-3;
 /// Minimum number of pixels that are needed to check a photograph.
 const FEWEST: usize = 16;
-/// Limits above which the light of a photograph contradicts the other pictures, in stops: for the median
-/// difference, and for the median deviation of the pixels from this median.
+/// Limits above which the light of a photograph contradicts the other pictures, in stops. The first limit is for
+/// the median of the differences at all pixels, and the second for the median deviation from this median.
 const APART: [f32; 2] = [0.5, 1.0];
 /// Of the pixels that are white in the other pictures, the maximum share that may be too dark in a photograph. For
 /// the 74 panoramas of hdri-train, this share is 0 with their own photographs. It exceeds the limit for 99 of 100
@@ -69,7 +69,8 @@ struct Off {
 }
 
 impl Photograph {
-    /// Compares a pixel with brighter pictures, brightest first. `None` if there is nothing to compare.
+    /// Compares a pixel with the brighter pictures `others`, in order from the brightest. `None` if no picture can
+    /// be compared.
     fn off(&self, at: usize, others: impl Iterator<Item = Shown>) -> Option<Off> {
         let (mut light, mut white) = (0.0_f64, true);
         for other in others {
@@ -88,7 +89,7 @@ impl Photograph {
         Some(Off { stops, white })
     }
 
-    /// Warns if the photograph contradicts the others.
+    /// Warns if the photograph contradicts the brighter pictures.
     fn tell(&self, shown: &[Off], white: &[Off], notes: &mut Notes) {
         let taken = format!("in `{}`, taken at EV {},", self.name, self.ev);
         let mut off: Vec<f32> = shown.iter().map(|off| off.stops).collect();
@@ -296,7 +297,7 @@ fn read(
     Ok(Photograph { ev, name: file.0.clone(), rgb, alpha, linear })
 }
 
-/// Lower median of a non-empty list.
+/// Median of a non-empty list. Of two middle values, the lower is returned.
 fn median(of: &mut [f32]) -> f32 {
     let middle = (of.len() - 1) / 2;
     *of.select_nth_unstable_by(middle, f32::total_cmp).1

@@ -14,8 +14,8 @@ use crate::math::num;
 pub(super) const RING: usize = 3;
 /// Maximum solid angle of the clipped region of a sun, as log2 of steradians.
 const LARGEST: f64 = -2.5;
-/// Minimum sine of the elevation of a sun, averaged over its cells. Cells whose sine of elevation is below the
-/// negative of this count as ground.
+/// Minimum sine of the elevation of a sun, averaged over its cells. Cells count as ground if the sine of their
+/// elevation is below the negative of this value.
 const LOWEST: f64 = 0.03;
 /// Minimum ratio of the solid angle of a sun to the solid angle of all clipped pixels above the horizon. Clipped
 /// pixels below the horizon are left out, since they may be lit by the sun, like snow and glints.

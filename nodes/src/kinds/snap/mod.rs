@@ -19,10 +19,10 @@ use level_search::bearing;
 engine::params! {
     /// Moves a pose up or down so that the object stands on the mesh of the scene, or on its splats.
     ///
-    /// The ground is searched below and slightly around the object's foot, up and down by `reach_metres`. It is the
-    /// nearest of the levels that support at least half as much of the foot as the level that supports the most. So
-    /// an object on a table stays there. The middle of the foot is put on the plane that fits most of this level;
-    /// if the mesh is rough, this is its mean height. If the mesh below the foot deviates more than 2 cm from this
+    /// The ground is searched below and slightly around the object's foot, up and down by `reach_metres`. Of the
+    /// levels that support at least half as much of the foot as the best level, the nearest is the ground. So an
+    /// object on a table stays there. The middle of the foot is put on the plane that fits most of this level; if
+    /// the mesh is rough, this is its mean height. If the mesh below the foot deviates more than 2 cm from this
     /// plane (a mound, a hollow, a kerb), the object is put on its contact points, which is reported.
     ///
     /// Ground faces up and is not steeper than 45 degrees. If no surface of a mesh faces up there, surfaces that
@@ -173,8 +173,9 @@ impl Kind for Snap {
     }
 }
 
-/// Error that no ground is near the foot of an object. `below` is the distance of the foot below the origin
-/// of the pose, and `nearest` the height of the nearest ground above the foot, if there is any, in metres.
+/// Error for a foot that has no ground within `reach`. All lengths are in metres. `below` is the distance from the
+/// origin of the pose down to the foot, and `nearest` is the height of the nearest ground above the foot, if any
+/// ground was found.
 fn none_near(reach: f64, below: f64, nearest: Option<f64>) -> NodeError {
     let side = |height: f64, [over, under]: [&'static str; 2]| if height > 0.0 { over } else { under };
     let foot = match below.abs() {

@@ -22,7 +22,7 @@ engine::params! {
     ///
     /// Each pixel is the mean over its solid angle, in linear light and weighted by alpha. The result is converted
     /// back to the encoding of the views. Overlapping views are blended with weights that rise with the distance
-    /// from their borders, so that no seam shows.
+    /// from the borders of each view, so that no seam is visible.
     pub struct Stitch {
         /// Width of the panorama, even; the height is half of it.
         width_px: u32 = 2048, range(2, 16384), unit("px"), other("64"),

@@ -100,7 +100,7 @@ fn lit(
     Ok(smooth.as_chunks::<3>().0.iter().enumerate().map(values).collect())
 }
 
-/// The object's colour, with its alpha unchanged.
+/// Filtered colour of the object, with its alpha unchanged.
 fn inserted(
     library: &Library,
     size: [usize; 2],

@@ -15,7 +15,7 @@ fn hole(at: usize) -> bool {
     at / W < 9 && at % W < 32
 }
 
-/// Irradiance of the ground from a uniform sky of radiance 1, computed as for the report.
+/// Irradiance on the ground from a uniform sky of radiance 1, computed as for the report.
 fn whole_sky() -> f64 {
     Energy::of(Up::PlusZ, W, &[1.0; W * H]).ground
 }
@@ -41,7 +41,8 @@ fn capture(filled: f64, alpha: impl Fn(usize) -> f32) -> (Arc<Panorama>, Arc<Bra
     (Arc::new(pano), brackets)
 }
 
-/// Alpha of the capture: the hole, thin leaves next to it, and a part of the ground.
+/// Alpha of a pixel of the capture. It is below 1 in the hole, at thin leaves next to it, and in a part of the
+/// ground.
 fn outdoors(at: usize) -> f32 {
     match at / W {
         _ if hole(at) => 0.0,
