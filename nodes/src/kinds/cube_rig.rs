@@ -104,7 +104,7 @@ impl Kind for CubeRig {
         let axes = equirect::axes(cx.up());
         let eye = at.translation() + axes[2] * (params.height_metres / cx.metres_per_unit());
         if !eye.is_finite() {
-            return Err(NodeError::new("the point of the rig is not finite").at("at"));
+            return Err(NodeError::new("the position of the cameras is not finite").at("at"));
         }
         let rig = cube(eye, axes, params.size_px, params.guard_deg, params.turn);
         Ok((Out { rig: Arc::new(rig) }, Notes::none()))

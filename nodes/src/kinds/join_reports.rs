@@ -66,7 +66,7 @@ impl Kind for JoinReports {
                     Some(known) if known.columns.iter().cloned().eq(columns()) => known.rows.extend(rows),
                     Some(_) => {
                         let text = format!(
-                            "the table `{}` of report {index} has different columns than in earlier reports",
+                            "the columns of the table `{}` in report {index} differ from its columns in earlier reports",
                             table.name
                         );
                         return Err(NodeError::new(text).at("reports"));

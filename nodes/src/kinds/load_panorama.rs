@@ -113,7 +113,8 @@ impl Kind for LoadPanorama {
         }
         let (image, light) = match p.photograph_ev {
             Some(_) if !linear => {
-                let error = NodeError::new("the file holds display colours, which are already a photograph");
+                let error =
+                    NodeError::new("the file contains display colours, which already have an exposure");
                 return Err(error
                     .at("photograph_ev")
                     .hint("leave out `photograph_ev`, or load an OpenEXR or Radiance file"));
@@ -173,7 +174,7 @@ fn fill_holes(
     }
     let height = pixels.len() / width;
     if open.len() == pixels.len() {
-        notes.warning("no-light", "the panorama is transparent everywhere: it is black");
+        notes.warning("no-light", "all pixels of the panorama are transparent, so the panorama is black");
         return Ok(None);
     }
     let share = open.iter().map(|at| pixel_solid_angle(width, height, at / width)).sum::<f64>() / (4.0 * PI);
@@ -185,7 +186,7 @@ fn fill_holes(
     let lost = open.iter().filter(|at| pixels[**at][..3].iter().any(|v| *v > 0.0)).count();
     if lost > 0 {
         let text = format!(
-            "{lost} transparent pixels hold light, which is not used: they are filled like other holes; if this light adds to the background, save the file without alpha"
+            "the light of {lost} transparent pixels is ignored, since transparent pixels are filled as holes; to keep this light, save the file without alpha"
         );
         notes.warning("light-in-holes", text);
     }
@@ -432,7 +433,7 @@ mod tests {
         let Picture::Srgb(image) = &out.pano.image else { panic!("display colours") };
         assert!(image.rgb(1, 0).iter().zip([200.0, 100.0, 50.0]).all(|(v, c)| (v * 255.0 - c).abs() < 1e-3));
         assert_eq!(out.pano.alpha.samples[..2], [1.0, 0.2]);
-        let error = load(&bytes, Some(0.0)).map(|_| ()).expect_err("is a already a photograph");
-        assert!(error.to_string().contains("already a photograph"), "{error}");
+        let error = load(&bytes, Some(0.0)).map(|_| ()).expect_err("already has an exposure");
+        assert!(error.to_string().contains("already have an exposure"), "{error}");
     }
 }

@@ -215,8 +215,8 @@ fn other_up(splats: &Splats, cx: &Context) -> Option<String> {
     let [x, y, z] = found.up;
     let found = found.axis().map_or_else(|| format!("({x:.3}, {y:.3}, {z:.3})"), str::to_owned);
     Some(format!(
-        "judging by its floor, the up axis of the scene is {found}, but the graph has {}: set `up` of the scene, or `frame` or \
-         `matrix` here (`lightharmony inspect` shows the scene)",
+        "judging by its floor, the up axis of the scene is {found}, but `up` of the graph's scene is {}; \
+         change `up`, or set `frame` or `matrix` of this node (`lightharmony inspect` shows the scene)",
         cx.up().name()
     ))
 }

@@ -138,7 +138,7 @@ fn ground(pixel: [f64; 2], inputs: &In, cx: &Context, notes: &mut Notes) -> Resu
     let cameras = inputs.rig.as_deref().map_or(&[][..], |rig| &rig.cameras);
     let [camera] = cameras else {
         return Err(NodeError::new(format!(
-            "`rig` has {} cameras, but `pixel` is a pixel of a single camera",
+            "`rig` has {} cameras, but `pixel` needs exactly one",
             cameras.len()
         ))
         .hint("load a single camera, for example by `LoadCameras(pick: [\"name\"])`"));

@@ -153,7 +153,7 @@ impl Kind for SplatPanorama {
         let up = cx.up();
         let origin = at.translation() + equirect::axes(up)[2] * (params.height_metres / cx.metres_per_unit());
         if !origin.is_finite() {
-            return Err(NodeError::new("the point of the panorama is not finite").at("at"));
+            return Err(NodeError::new("the viewpoint of the panorama is not finite").at("at"));
         }
         let settings = drawing.settings(Sort::Distance, &splats, cx, &mut notes);
         let share = near::cut_by_panorama(&splats, origin, settings.near);

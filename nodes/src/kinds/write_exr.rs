@@ -231,7 +231,7 @@ fn report_encodings(layers: &[(&str, &Images)], notes: &mut Notes) {
         let text = format!("display-encoded layers ({encoded}) are mixed with linear ones ({linear})");
         notes.warning(
             "mixed-encodings",
-            format!("{text}, and other programs treat all as linear; `encoding: Linear` decodes them"),
+            format!("{text}, and other programs treat all layers as linear; `encoding: Linear` decodes them"),
         );
     }
 }
@@ -389,8 +389,8 @@ mod tests {
         assert_eq!(
             reported(WrittenEncoding::Keep, &all, layers()),
             [
-                "display-encoded layers (`B`) are mixed with linear ones (`R0`, `R1`), and other programs treat all as \
-              linear; `encoding: Linear` decodes them"
+                "display-encoded layers (`B`) are mixed with linear ones (`R0`, `R1`), and other programs treat all \
+              layers as linear; `encoding: Linear` decodes them"
             ]
         );
         assert!(reported(WrittenEncoding::Linear, &all, layers()).is_empty());

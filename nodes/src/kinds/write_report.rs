@@ -40,8 +40,11 @@ impl Kind for WriteReport {
 
     fn check(p: &Self) -> Result<(), NodeError> {
         if p.path.0.contains("{view}") {
-            let error = NodeError::new("a report is one file for all views").at("path");
-            return Err(error.hint("leave `{view}` out"));
+            let error = NodeError::new(
+                "`{view}` is not allowed here: the report is written to a single file for all views",
+            )
+            .at("path");
+            return Err(error.hint("remove `{view}` from `path`"));
         }
         match p.path.extension().as_str() {
             "json" | "csv" | "md" | "txt" => Ok(()),

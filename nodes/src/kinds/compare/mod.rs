@@ -152,7 +152,10 @@ impl Kind for Compare {
             if let Some(mask) = &mask {
                 let shown = mask.iter().filter(|shown| **shown).count();
                 let text = format!("{shown} of {} pixels of `{}` are inside the mask", mask.len(), view.name);
-                notes.decision("masked", format!("{text}; `whole` and all regions are limited to them"));
+                notes.decision(
+                    "masked",
+                    format!("{text}; the row `whole` and all regions are limited to these pixels"),
+                );
             }
             let mut regions = vec![("whole".to_owned(), None)];
             for (k, region) in inputs.regions.iter().enumerate() {

@@ -206,7 +206,7 @@ impl Kind for Composite {
             };
             if let Some((_, _, channels)) = variance.map(Picture::size).filter(|size| size.2 != 4) {
                 let error =
-                    NodeError::new(format!("`variance` has {channels} channels, not 4")).at("variance");
+                    NodeError::new(format!("`variance` has {channels} channels; it needs 4")).at("variance");
                 return Err(error.hint("wire the output `variance` of a `path-trace` node"));
             }
             let (mut shadow, mut added) = (data(&inputs.shadow, "shadow")?, data(&inputs.added, "added")?);

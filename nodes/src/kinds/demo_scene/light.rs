@@ -185,7 +185,7 @@ impl<'a> Lit<'a> {
         sum
     }
 
-    /// Irradiance from other surfaces.
+    /// Irradiance at a point from light that other surfaces reflect.
     pub(super) fn indirect(&self, p: DVec3, n: DVec3) -> Rgb {
         self.cache.at(p, n, |point| point.indirect)
     }

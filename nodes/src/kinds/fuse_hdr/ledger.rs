@@ -86,7 +86,7 @@ impl Lights {
         let all: f64 = (0..pixels.rgb.len()).map(own).sum();
         if lost > UNUSED * all {
             let text = format!(
-                "the exposures are darker than the panorama in {} pixels above `threshold`, which removes {:.1} % of its power; `blend: Ramp` removes none",
+                "the exposures are darker than the panorama in {} pixels above `threshold`, which removes {:.1} % of the panorama's power; `blend: Ramp` removes no light",
                 self.darker.len(),
                 100.0 * lost / all
             );
@@ -119,7 +119,9 @@ impl Lights {
             let without = match pixels.rgb.iter().zip(log2_gain).filter(clipped).count() {
                 0 => String::new(),
                 _ if !pixels.ceiling => String::new(),
-                n => format!("; {n} clipped pixels get none: was the prediction made for `base`?"),
+                n => format!(
+                    "; {n} clipped pixels get no light; check that the prediction was made for `base`"
+                ),
             };
             notes.warning(
                 "prediction-unused",
@@ -158,7 +160,7 @@ impl Lights {
         }
         if short > 0 {
             let text = format!(
-                "{short} lights are barely clipped and get less light than predicted; a lower `threshold` gives them all of it"
+                "{short} lights are barely clipped and get less light than predicted; a lower `threshold` gives them all of the predicted light"
             );
             notes.warning("flux-held-back", text);
         }

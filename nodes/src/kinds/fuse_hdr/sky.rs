@@ -128,13 +128,13 @@ impl Balance {
         let radiance = ((wanted - self.seen) / self.open).max(0.0);
         if radiance == 0.0 {
             let text = format!(
-                "the visible light gives the ground an irradiance of {:.4}, and an albedo of {albedo} needs only {wanted:.4}, so the unseen {percent:.1} % of the upper half stays black; a lower `ground_albedo` makes it a sky",
+                "the visible light gives the ground an irradiance of {:.4}, and an albedo of {albedo} needs only {wanted:.4}, so the unseen {percent:.1} % of the upper half stays black; a lower `ground_albedo` would make it a sky",
                 self.seen
             );
             notes.warning("sky-black", text);
         } else {
             let text = format!(
-                "the unseen {percent:.1} % of the upper half became a white sky of radiance {radiance:.4}, which gives the ground (radiance {ground:.4}) an albedo of {albedo}; its irradiance is {:.4} with this sky and {:.4} without",
+                "the unseen {percent:.1} % of the upper half became a white sky of radiance {radiance:.4}, which gives the ground (radiance {ground:.4}) an albedo of {albedo}; the irradiance on the ground is {:.4} with this sky and {:.4} without it",
                 self.seen + radiance * self.open,
                 self.light
             );

@@ -372,7 +372,7 @@ fn view_name(picture: &str, folders: usize) -> String {
 
 /// Checks a camera, and scales it to the requested resolution.
 fn finish(p: &LoadCameras, raw: &Raw, name: String, notes: &mut Notes) -> Result<Camera, NodeError> {
-    let bad = |what: String| NodeError::from(Error::format(&p.path.0, format!("camera `{name}`: {what}")));
+    let bad = |what: String| NodeError::from(Error::format(&p.path.0, format!("camera `{name}` {what}")));
     let seen = raw.distortion.as_ref().filter(|bend| bend.pixels.is_nan() || bend.pixels > INVISIBLE_PX);
     if let Some(Bend { text: distortion, .. }) = seen {
         match p.distortion {
@@ -392,7 +392,7 @@ fn finish(p: &LoadCameras, raw: &Raw, name: String, notes: &mut Notes) -> Result
     let [fx, fy, cx, cy] = raw.lens;
     if !raw.lens.iter().all(|v| v.is_finite()) || fx <= 0.0 || fy <= 0.0 {
         return Err(bad(format!(
-            "focal lengths {fx}, {fy} and principal point {cx}, {cy} are not valid for a camera"
+            "has focal lengths {fx}, {fy} and principal point {cx}, {cy}, which are not valid"
         )));
     }
     let size = |pixels: u64| {
@@ -400,7 +400,9 @@ fn finish(p: &LoadCameras, raw: &Raw, name: String, notes: &mut Notes) -> Result
         if pixels > 0 && (1.0..=65_536.0).contains(&scaled) {
             Ok(scaled as u32)
         } else {
-            Err(bad(format!("{pixels} pixels times `resolution` is not between 1 and 65536")))
+            Err(bad(format!(
+                "has a side of {pixels} pixels, which `resolution` scales to less than 1 or more than 65536"
+            )))
         }
     };
     let (width_px, height_px) = (size(raw.width)?, size(raw.height)?);
@@ -408,12 +410,12 @@ fn finish(p: &LoadCameras, raw: &Raw, name: String, notes: &mut Notes) -> Result
     let (sx, sy) = (f64::from(width_px) / raw.width as f64, f64::from(height_px) / raw.height as f64);
     let eye = raw.world_from_camera.w_axis.truncate();
     let turn = orthonormal(DMat3::from_mat4(raw.world_from_camera)).ok_or_else(|| {
-        bad("its matrix is not a rotation".to_owned()).hint("a scaled or mirrored pose cannot be used")
+        bad("has a matrix that is not a rotation".to_owned()).hint("a scaled or mirrored pose cannot be used")
     })?;
     let matrix = Similarity::of_parameter(p.matrix.as_ref())?;
     let (eye, turn) = (matrix.point(eye), matrix.rotation * turn);
     if !eye.is_finite() {
-        return Err(bad("its position is not finite".to_owned()));
+        return Err(bad("has a position that is not finite".to_owned()));
     }
     let world_from_camera = DMat4::from_cols(
         turn.x_axis.extend(0.0),

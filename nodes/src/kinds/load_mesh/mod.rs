@@ -211,7 +211,7 @@ fn from_gltf(p: &LoadMesh, bytes: &[u8], cx: &Context, notes: &mut Notes) -> Res
     if object.materials.iter().any(|m| m.base_colour_texture.is_some()) {
         notes.warning(
             "mesh-textures-ignored",
-            "a receiver takes its colours from vertices and `baseColorFactor`; its textures are left out",
+            "a receiver takes its colours from vertices and `baseColorFactor`; its textures are ignored",
         );
     }
     Ok(raw)

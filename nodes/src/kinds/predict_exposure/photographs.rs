@@ -308,7 +308,7 @@ pub(super) fn report_still(pixels: usize, notes: &mut Notes) {
     if pixels > 0 {
         notes.warning(
             "still-clipped",
-            format!("{pixels} pixels are clipped even in the darkest exposure that shows them, so their gain is a lower bound; add a darker one to `evs`"),
+            format!("{pixels} pixels are clipped even in the darkest exposure that shows them, so their gain is a lower bound; add a darker exposure to `evs`"),
         );
     }
 }

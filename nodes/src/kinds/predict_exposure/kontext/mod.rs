@@ -12,11 +12,11 @@ mod model;
 pub(super) mod picture;
 
 /// Text for errors about a missing file: the files that a user must supply, where to find them, and their sizes.
-pub(super) const WHERE: &str = "you must supply the weights: Flux.1 Kontext [dev] from \
-    huggingface.co/black-forest-labs/FLUX.1-Kontext-dev, under its non-commercial licence, which you accept there: \
-    `flux1-kontext-dev.safetensors` (23.8 GB; a GGUF of it has 6.7 GB with four bits per weight) and `ae.safetensors` \
-    (0.3 GB); the encoded prompt (4 MB) and a LoRA for exposure (`train-exposure --backend flux-kontext`). The \
-    method needs as much memory as the size of the transformer file plus 7 GB. See docs/kontext.md";
+pub(super) const WHERE: &str = "you must supply four files. `flux1-kontext-dev.safetensors` (23.8 GB; \
+    a GGUF file with 4 bits per weight takes 6.7 GB) and `ae.safetensors` (0.3 GB) can be downloaded from \
+    huggingface.co/black-forest-labs/FLUX.1-Kontext-dev after you accept the non-commercial licence there. The others \
+    are the encoded prompt (4 MB) and a LoRA for exposure, made by `train-exposure --backend flux-kontext`. The \
+    method needs memory for the transformer file plus 7 GB. See docs/kontext.md";
 
 /// Hint for errors about a missing file. `None` in a build without the feature `learned`, which reports the missing
 /// feature instead.
