@@ -47,9 +47,9 @@ engine::inputs! {
         background: Arc<Images>,
         /// The objects, linear, premultiplied, with alpha.
         object: Arc<Images>,
-        /// Factor applied to each channel of the background; without it there is no shadow.
-        shadow: Option<Arc<Images>>,
         /// Factor by which each channel of the background is multiplied. If it is not wired, there is no shadow.
+        shadow: Option<Arc<Images>>,
+        /// Light that the objects add to the background (negative where they remove it), from `shadow-ratio`.
         added: Option<Arc<Images>>,
         /// The part of the background that lies in front of the objects, premultiplied, with alpha: a
         /// `splat-render` with `limit: "trace.nearest"`. It covers the objects and their shadow. A mesh in front of
