@@ -110,7 +110,7 @@ mod tests {
         assert_eq!(joined.tables[0].rows, [[Cell::Number(1.0)], [Cell::Number(2.0)]]);
         assert!(
             join(vec![report(&["x"], 1.0), report(&["y"], 2.0)])
-                .is_err_and(|e| e.contains("different columns"))
+                .is_err_and(|e| e.contains("differ from its columns"))
         );
         assert_eq!(join(vec![]).map(|joined| joined.tables.len()), Ok(0));
     }

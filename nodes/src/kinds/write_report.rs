@@ -171,7 +171,7 @@ mod tests {
     #[test]
     fn a_report_is_one_file() {
         let p = WriteReport { path: OutputFile("light_{view}.md".into()) };
-        assert!(WriteReport::check(&p).expect_err("no views").to_string().contains("one file"));
+        assert!(WriteReport::check(&p).expect_err("no views").to_string().contains("single file"));
     }
 
     #[test]

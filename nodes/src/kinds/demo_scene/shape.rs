@@ -99,7 +99,7 @@ impl Shapes {
         self.solids
     }
 
-    /// Adds a flat parallelogram with corner `p` and sides `u` and `v`. Its front is where u x v points.
+    /// Adds a flat parallelogram with corner `p` and sides `u` and `v`. Its front faces in the direction u x v.
     pub(super) fn flat(&mut self, p: DVec3, u: DVec3, v: DVec3, paint: Paint, solid: Option<u32>) {
         let n = u.cross(v).normalize_or(DVec3::Z);
         let (lu, lv) = (u.length(), v.length());

@@ -355,8 +355,8 @@ fn merge(params: &FuseHdr, darker: Fused, brighter: [f32; 3], own: Fused, measur
     }
 }
 
-/// The base colour scaled to the fused luminance: HDR = E'_N / L_N * I_N. Where fusion changed nothing the colour
-/// is returned unchanged, so that black stays black and nothing is rounded.
+/// The colour of the base, scaled to the fused luminance: HDR = E'_N / L_N * I_N. Where fusion changed nothing the
+/// colour is returned unchanged, so that black stays black and nothing is rounded.
 fn apply(rgb: [f32; 3], fused: f64) -> [f32; 3] {
     let own = f64::from(luminance(rgb));
     if fused == own {

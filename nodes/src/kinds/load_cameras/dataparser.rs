@@ -66,7 +66,7 @@ impl Dataparser {
         Ok(own)
     }
 
-    /// Transforms a camera.
+    /// Transforms the pose of a camera.
     pub fn apply(&self, camera: &mut Raw) {
         let pose = self.transform * camera.world_from_camera;
         let eye = pose.w_axis.truncate() * self.scale;

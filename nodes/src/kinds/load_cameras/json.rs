@@ -114,7 +114,8 @@ fn matrix(v: &Value, key: &str, columns: usize) -> Result<[[f64; 4]; 3], String>
     Ok(rows)
 }
 
-/// Converts rows to a matrix. `flip` converts an OpenGL camera (y up, z backward) to an OpenCV camera.
+/// Converts the rows of a pose to a matrix. `flip` converts an OpenGL camera (y up, z backward) to an OpenCV
+/// camera.
 fn pose(rows: [[f64; 4]; 3], flip: bool) -> DMat4 {
     let s = if flip { -1.0 } else { 1.0 };
     let column = |c: usize, s: f64, w: f64| DVec4::new(rows[0][c] * s, rows[1][c] * s, rows[2][c] * s, w);
@@ -155,7 +156,8 @@ fn focal(holder: &Value, [length, radians, degrees]: [&str; 3], size: u64) -> Op
 }
 
 /// Reads a frame as described on nerfstudio's page on its data format. Values missing in a frame are taken from the
-/// top level of the file. If a frame defines any lens value, no lens value is taken from the top level.
+/// top level of the file. If a frame defines a focal length or a field of view, in any form, neither is taken from
+/// the top level.
 fn nerfstudio(top: &Value, frame: &Value, sizes: Sizes<'_>) -> Result<Raw, String> {
     let holder = |key: &str| level(top, frame, &[key]);
     let picture = picture_path(frame["file_path"].as_str().ok_or("has no `file_path`")?);

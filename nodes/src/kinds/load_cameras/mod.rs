@@ -99,7 +99,7 @@ struct Raw {
     picture: String,
     width: u64,
     height: u64,
-    /// fx, fy, cx, cy in pixels.
+    /// Focal lengths fx and fy, and principal point cx and cy, in pixels.
     lens: [f64; 4],
     /// Lens distortion, if the camera has any.
     distortion: Option<Bend>,
@@ -273,7 +273,7 @@ fn candidates(path: &InputFile) -> Vec<Vec<InputFile>> {
     candidates
 }
 
-/// Files of the first of [`candidates`] of which all files exist.
+/// The first element of [`candidates`] whose files all exist.
 fn files(path: &InputFile, root: &SourceRoot) -> Result<Vec<InputFile>, NodeError> {
     let there = |files: &Vec<InputFile>| files.iter().all(|file| root.file(file).path.is_file());
     candidates(path).into_iter().find(there).ok_or_else(|| unknown(path))

@@ -132,14 +132,14 @@ impl<'a> Clipping<'a> {
         Ok(Prediction { log2_gain: large.gathered(&log2_gain), regions })
     }
 
-    /// Gain measured by `Photographs`.
+    /// log2 gain of each pixel, measured from the photographs.
     fn by_photographs(&self, notes: &mut Notes, cx: &Context) -> Result<Vec<f32>, NodeError> {
         let taken = self.photographs.as_ref();
         let gain = taken.map(|taken| taken.gains((&self.pixels, &self.mask), notes, cx)).transpose()?;
         Ok(gain.unwrap_or_default())
     }
 
-    /// Prediction of `FluxKontext`.
+    /// log2 gain of each pixel, predicted by `FluxKontext`.
     fn by_diffusion(
         &self,
         table: &mut EnergyTable,

@@ -40,9 +40,9 @@ pub struct LoraPlan {
 /// Progress of a training run.
 #[derive(Debug, Clone, PartialEq)]
 pub enum LoraProgress {
-    /// Number of panoramas encoded, and the total.
+    /// Number of panoramas that have been encoded, and number of all panoramas.
     Pairs(usize, usize),
-    /// Number of steps done, the total, and the loss of the last step.
+    /// Number of steps that have been done, number of all steps, and loss of the last step.
     Step(u64, u64, f32),
 }
 

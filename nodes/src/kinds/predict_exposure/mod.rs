@@ -300,7 +300,8 @@ fn clip_mask(pano: &Panorama, pixels: &LinearPixels, white: f32) -> Vec<bool> {
     pixels.rgb.iter().zip(&pano.alpha.samples).map(|(rgb, alpha)| *alpha >= SEEN && clipped(*rgb)).collect()
 }
 
-/// Reports white pixels that were mostly filled. They do not count as clipped and get no light.
+/// Reports white pixels whose colour was mostly filled in, since they are transparent. They do not count as clipped
+/// and get no light.
 fn report_unseen(pixels: &LinearPixels, alpha: &[f32], white: f32, notes: &mut Notes) {
     let unseen = |(rgb, alpha): &(&[f32; 3], &f32)| **alpha < SEEN && **alpha > 0.0 && max3(**rgb) > white;
     let count = pixels.rgb.iter().zip(alpha).filter(unseen).count();
@@ -340,7 +341,7 @@ fn report_nothing_clipped(
     } else {
         let equal = pixels.rgb.iter().filter(|rgb| max3(**rgb) == brightest).count();
         format!(
-            "the panorama holds light above white, up to {brightest:.3} in {equal} pixels, so nothing in it counts as clipped"
+            "the panorama contains light above white, so none of its pixels counts as clipped; the brightest light, in {equal} pixels, is {brightest:.3}"
         )
     };
     if let Method::Manual { emitters } = &params.method

@@ -160,7 +160,7 @@ impl Photographs {
     }
 
     /// Warns about photographs whose light differs from the light of the panorama or of a brighter photograph, or
-    /// is below white where these are white.
+    /// is below white at pixels where those pictures are white.
     pub fn compare(
         &self,
         (pixels, alpha): (&LinearPixels, &[f32]),

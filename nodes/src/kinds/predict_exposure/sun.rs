@@ -29,8 +29,9 @@ const BLUER: [f64; 2] = [1.02, 1.1];
 /// (docs/light.md), so these panoramas cannot be used to test them.
 pub(super) const FLUX: f64 = 0.5;
 
-/// Minimum blueness (B over R) of a clear sky: divided by the blueness of the ground, and without a division. Rooms
-/// with brown floors and captures under clouds satisfy only one of the two conditions.
+/// Minimum blueness (B over R) of a clear sky. The first limit is for the blueness divided by the blueness of the
+/// ground, and the second for the blueness itself. Rooms with brown floors and captures under clouds satisfy only
+/// one of the two conditions.
 const CLEAR: [f64; 2] = [2.0, 1.1];
 /// Two limits of the fraction of the solid angle above [`HORIZON`] that is clear sky. Above the first limit the sky
 /// may be clear, and above the second it certainly is. Walls and trees may hide the rest of the sky.
@@ -86,9 +87,9 @@ pub(super) fn report_doubtful(grid: &Grid, up: Up, regions: &[Vec<usize>], notes
     }
 }
 
-/// Blueness of the surroundings of each region: divided by the blueness of the ground, and without a division.
-/// `None` for regions that are too large ([`LARGEST`]), too low ([`LOWEST`]) or have too small a share ([`SHARE`])
-/// to be a sun.
+/// Blueness of the surroundings of each region: first divided by the blueness of the ground, then undivided. `None`
+/// for regions that are too large ([`LARGEST`]), too low ([`LOWEST`]) or have too small a share ([`SHARE`]) to be a
+/// sun.
 fn hues(grid: &Grid, up: Up, regions: &[Vec<usize>]) -> Vec<Option<[f64; 2]>> {
     let above = axes(up)[2];
     let height = |cell: usize| grid.direction(up, cell).dot(above);

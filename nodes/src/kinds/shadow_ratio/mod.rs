@@ -33,7 +33,7 @@ engine::params! {
         /// this value the ratio fades in, so that no edge shows (except with `Paper`).
         min_energy: f64 = 1e-3, range(0.0, 1e6), other("0.9");
         /// Largest ratio. Values above 1 keep light that the object adds by reflection; values below 1 darken the
-        /// whole picture. `Hybrid` limits it to 1.
+        /// whole picture. `Hybrid` limits `s_max` to 1.
         s_max: f64 = 1.0, range(0.0, 100.0), other("0.6");
         /// Exponent of the ratio; smaller values make the shadow lighter.
         gamma: f64 = 1.0, range(1e-3, 1.0), other("0.5");

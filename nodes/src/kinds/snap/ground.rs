@@ -141,8 +141,9 @@ impl Ground {
         }
     }
 
-    /// Median height of surfaces that face down, and of surfaces that face up above them within `thickest`. `None`
-    /// unless more than half of the surfaces that face down have such a surface above them.
+    /// Two median heights: of the surfaces that face down, and of their upper sides. An upper side is a surface
+    /// that faces up, at most `thickest` above a surface that faces down. `None` unless more than half of the
+    /// surfaces that face down have an upper side.
     fn shell(&self, down: &[[f64; 3]], up: DVec3, thickest: f64) -> Option<[f64; 2]> {
         let axes = Foot::axes(up);
         let pair = |&[x, y, height]: &[f64; 3]| {

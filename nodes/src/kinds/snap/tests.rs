@@ -52,7 +52,7 @@ fn objects_come_to_stand_from_above_and_below() {
     assert!(run(None, None, 0.0, false).is_err());
 }
 
-/// The origin of the object is its middle, as in many models, so its foot is far below a pose that is near
+/// The origin of the object is its middle, as in many models, so the foot is far below the origin of a pose near
 /// the ground.
 #[test]
 fn what_is_too_far_is_reported_by_the_foot() {

@@ -241,7 +241,7 @@ fn energy_report(
 }
 
 impl Stitch {
-    /// Width of the panorama of the given views.
+    /// Width, in pixels, of the panorama that is made from `views`.
     fn columns(&self, views: &Views) -> usize {
         let sides = views.0.iter().map(|view| view.camera.width_px.max(view.camera.height_px));
         let worth = sides.max().map_or(self.width_px, |side| side.saturating_mul(COLUMNS_A_PIXEL));

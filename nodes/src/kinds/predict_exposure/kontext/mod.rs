@@ -41,7 +41,7 @@ impl<'a> Kontext<'a> {
         [self.transformer, self.vae, self.prompt, self.lora]
     }
 
-    /// Checks the ranges of the numbers.
+    /// Checks that the numeric parameters are within their ranges.
     pub(super) fn check_numbers(&self) -> Result<(), NodeError> {
         let numbers = [
             ("strength", self.strength, 0.0, 4.0),

@@ -44,7 +44,7 @@ pub struct Plan {
 /// Progress of a training run.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Progress {
-    /// Number of panoramas photographed, and the total.
+    /// Number of panoramas that have been photographed, and number of all panoramas.
     Examples(usize, usize),
     /// A step of a network.
     Step {
