@@ -15,7 +15,7 @@ engine::choices! {
         /// axes, so a camera that looks along an axis sees many splats of equal depth, which are drawn in file
         /// order.
         OffAxis,
-        /// Faces along the axes of the world, as in other tools.
+        /// Not rotated: each face looks along an axis of the world, as in other tools.
         Aligned,
     }
 }

@@ -159,8 +159,8 @@ fn whole_columns(degrees: f64, width: usize, notes: &mut Notes) -> f64 {
     whole
 }
 
-/// Colours with transparent pixels filled from their surroundings, as in `stitch`. `None` if no pixel is
-/// transparent.
+/// Fills transparent pixels from their surroundings, as `stitch` does, and returns all pixels. `None` if no pixel
+/// is transparent, or if all are.
 fn fill_holes(
     pixels: &[[f32; 4]],
     width: usize,

@@ -175,10 +175,9 @@ impl LoadSplats {
     }
 
     /// Reads the scene without the harmonics above degree 0, which saves memory. Also returns the degree of the
-    /// harmonics in the files. The notes are those of [`run`](Kind::run) about the files.
+    /// harmonics in the files. The notes are the notes that [`run`](Kind::run) adds about the files.
     ///
-    /// # Errors
-    /// If [`run`](Kind::run) would fail.
+    /// # Errors If [`run`](Kind::run) would fail.
     pub fn plain(&self, cx: &Context) -> Result<(Splats, u32, Notes), NodeError> {
         let (files, notes) = self.read(true, cx)?;
         let degree = files.iter().map(|file| file.stored_degree).max().unwrap_or(0);
@@ -230,8 +229,8 @@ mod tests {
     use crate::render::splat::{Settings, render};
     use crate::types::Camera;
 
-    /// A place whose floor and walls show that its up axis is -y, as in files of INRIA, is reported. This test
-    /// fails if `> SAME_UP` is changed to `< SAME_UP`.
+    /// A scene is reported if its floor and walls show that its up axis is -y, which is usual for INRIA files. This
+    /// test fails if `> SAME_UP` is changed to `< SAME_UP`.
     #[test]
     fn another_axis_up_than_the_floor_says_is_reported() {
         let mut scene = Splats::empty();

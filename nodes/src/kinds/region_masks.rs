@@ -127,7 +127,7 @@ impl Kind for RegionMasks {
     }
 }
 
-/// Checks that the shadow is given by at most one source.
+/// Checks that at most one source of the shadow is wired, and that `with` and `without` are wired together.
 fn check_shadow([shadow, with, without]: [bool; 3]) -> Result<(), NodeError> {
     if with != without {
         return Err(NodeError::new("`with` and `without` must be wired together").at(if with {

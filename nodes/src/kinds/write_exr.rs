@@ -51,7 +51,7 @@ engine::inputs! {
     pub struct In {
         /// One picture per view.
         image: Option<Arc<Images>>,
-        /// Pictures that belong together, one layer each; they must have the same views and size.
+        /// Pictures to write to one file, each as a layer; they must have the same views and size.
         layers: Vec<Arc<Images>>,
     }
 }

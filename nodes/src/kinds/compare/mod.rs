@@ -26,8 +26,8 @@ engine::choices! {
 engine::params! {
     /// Measures the difference between a picture and a reference.
     ///
-    /// Pictures of colours are compared in the table `compare`, with one row per view, picture and region. Its
-    /// columns are:
+    /// Pictures of colours are compared in the table `compare`, with one row per view, picture and region. The
+    /// table has these columns:
     ///
     /// - PSNR.
     /// - SSIM as in the code of 3D Gaussian splatting (`ssim_3dgs_zero_pad`), and without the border (`ssim_valid`,
@@ -39,9 +39,9 @@ engine::params! {
     /// - The relative MSE in linear light, `mean((a - b)^2 / (b^2 + 0.01))`.
     ///
     /// Pictures of data, such as a shadow ratio, are compared in the table `ratio`. In addition to PSNR and errors
-    /// it has the mean of `|ln a - ln b|`, where values below 0.001 count as 0.001, and the intersection over union
-    /// of the two shadows (pixels below 0.98). A value that cannot be computed is missing in its row, and is never
-    /// given as 0.
+    /// it has the mean of `|ln a - ln b|`, for which values below 0.001 are raised to 0.001, and the intersection
+    /// over union of the two shadows (pixels below 0.98). A value that cannot be computed is missing in its row,
+    /// and is never given as 0.
     ///
     /// For a region, SSIM and FLIP are the means of their maps over the region. With `Linear`, FLIP is HDR-FLIP
     /// (`hdr-flip mean` and `hdr-flip p95`); CIEDE2000 and LPIPS are not computed, which is reported. An inserted
@@ -50,9 +50,9 @@ engine::params! {
     /// without a wire is not computed.
     ///
     /// Alpha itself is not compared. Transparent parts are composited on black in the encoding of the picture: in
-    /// display values for a splat render, as in the metrics of splat trainers, and in linear light for the output
-    /// of `composite`. `Linear` composites all pictures in linear light, so that a composite without objects equals
-    /// its background.
+    /// display values for a splat render, which is how the metrics of splat trainers treat it, and in linear light
+    /// for the output of `composite`. `Linear` composites all pictures in linear light, so that a composite without
+    /// objects equals its background.
     pub struct Compare {
         /// Encoding in which to compare. Pictures of data are compared unchanged.
         space: Space = Space::Display, other("Linear");

@@ -311,7 +311,7 @@ mod tests {
         row(58, "difference of premultiplied and straight", error.fold(0.0, f64::max), 1e-6);
     }
 
-    /// Holes show the backdrop or stay transparent, and alpha is combined as by the "over" operator.
+    /// Holes show the backdrop or stay transparent, and the alpha of the result is given by the "over" operator.
     #[test]
     fn holes_show_the_backdrop_or_stay_open() {
         let half: Picture = Image::<Linear>::from_samples(1, 1, 4, vec![0.2, 0.2, 0.2, 0.5]).into();

@@ -54,7 +54,7 @@ engine::inputs! {
         depth: Arc<Images>,
         /// Normal of the visible surface.
         normal: Arc<Images>,
-        /// Variance of the other layers and, in the last channel, of the ratio.
+        /// Variance of the other layers. The last channel is the variance of the ratio.
         variance: Arc<Images>,
     }
 }

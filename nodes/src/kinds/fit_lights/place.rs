@@ -5,7 +5,7 @@ use glam::{DVec3, Vec3};
 use crate::geometry::bvh::{Bvh, Hit, Ray};
 use crate::types::Mesh;
 
-/// Channel value above which a colour is clipped, as for a window, a lamp, or a glint.
+/// Channel value above which a colour counts as clipped. Such colours belong to windows, lamps and glints.
 pub(super) const CLIPPED: f32 = 0.93;
 
 /// Offset of ray origins from a surface, as a fraction of the diagonal of the mesh, since splats lie slightly below

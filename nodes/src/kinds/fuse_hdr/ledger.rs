@@ -12,7 +12,7 @@ use crate::math::equirect::{axes, direction, pixel_solid_angle};
 use crate::math::num;
 use crate::types::{Cell, Report, Table};
 
-/// Number of lights listed individually; the others are summed in a last row.
+/// Number of lights that are listed individually. All other lights are summed in the last row.
 pub(super) const LISTED: usize = 32;
 /// Maximum share of the predicted light that may be left out, and of all light that may be removed, without a
 /// warning.

@@ -24,7 +24,7 @@ engine::choices! {
         /// Gradual, as the brightest channel rises from the threshold to 1. A prediction can only make a
         /// pixel brighter.
         Ramp,
-        /// Immediate where luminance exceeds the threshold, as in the equation of the paper.
+        /// Immediate where luminance exceeds the threshold, as in the paper's equation.
         Hard,
     }
 }
@@ -34,7 +34,8 @@ engine::choices! {
     pub enum Gain {
         /// The gain map in floats; it has no upper limit.
         Direct,
-        /// The exposures, as in the paper; light is limited by the white level of the darkest exposure.
+        /// The list of exposures, as in the paper. The recovered light is limited by the white level of the darkest
+        /// exposure.
         Brackets,
     }
 }
@@ -276,8 +277,9 @@ fn direct(pixels: &LinearPixels, brackets: &Brackets, at: usize) -> Fused {
     Fused { luminance: held * num::f64::exp2(gain), source: 0, saturated: false }
 }
 
-/// Fuses one pixel, from the darkest exposure upwards, as in the paper's section on HDR construction. The second
-/// result is the luminance according to the gain map or the exposures, before it is blended with the panorama.
+/// Fuses one pixel, beginning with the darkest exposure, as described in the paper's section on HDR construction.
+/// The second result is the luminance according to the gain map or the exposures, before it is blended with the
+/// panorama.
 fn fuse(params: &FuseHdr, pixels: &LinearPixels, brackets: &Brackets, at: usize) -> (Fused, f64) {
     let base = pixels.rgb[at];
     let n = brackets.evs.len();

@@ -29,8 +29,8 @@ const GROUND_ALPHA: f32 = 0.5;
 /// measured.
 const LEAST_GROUND: f64 = 0.05;
 
-/// Light that a level ground reflects and receives, as luminance. Irradiance is for a plane that faces up, as in
-/// the report.
+/// Light that a level ground reflects and receives, as luminance. Irradiance is measured on a plane that faces up,
+/// as in the report.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Balance {
     /// Mean radiance of the visible ground, weighted by solid angle and by the cosine of the angle to straight

@@ -21,7 +21,7 @@ pub fn picture_path(path: &str) -> String {
     path.strip_prefix("./").map(str::to_owned).unwrap_or(path)
 }
 
-/// Paths of the pictures of those frames of a `transforms.json` that have no size; empty for any other file.
+/// Paths of the pictures of all frames without a size in a `transforms.json`; empty for any other file.
 pub fn pictures_without_size(bytes: &[u8]) -> Vec<String> {
     let Ok(json) = serde_json::from_slice::<Value>(json_text(bytes)) else { return Vec::new() };
     let sized =

@@ -221,8 +221,8 @@ fn with_pictures(file: SourceFile, root: &SourceRoot) -> Vec<SourceFile> {
     files
 }
 
-/// File of the picture of a frame, relative to the cameras file. The extension may be left out, as in the synthetic
-/// scenes of NeRF.
+/// File of a picture whose path is relative to the cameras file. The path may lack the extension, as it does in the
+/// synthetic scenes of NeRF.
 fn existing(file: &SourceFile, picture: &str, root: &SourceRoot) -> Option<SourceFile> {
     ["", ".png", ".jpg", ".jpeg", ".JPG", ".PNG"]
         .iter()

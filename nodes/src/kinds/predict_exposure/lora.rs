@@ -1,5 +1,5 @@
-//! Training of the LoRA that makes a panorama three stops darker, as in the paper: pairs of exposures made from HDR
-//! panoramas, one fixed prompt, and a frozen base model.
+//! Training of the LoRA that makes a panorama three stops darker. As in the paper, it is trained on pairs of
+//! exposures made from HDR panoramas, with one fixed prompt and a frozen base model.
 
 use std::path::{Path, PathBuf};
 

@@ -82,8 +82,8 @@ engine::outputs! {
     }
 }
 
-/// Minimum linear value at which a channel counts as clipped. In the data of the regression, clipping sets in
-/// gradually between 0.9 and 1, and this is the middle of that range.
+/// Minimum linear value at which a channel counts as clipped. In the data of the regression, clipping begins
+/// gradually between 0.9 and 1; the middle of this range is used.
 pub const CLIPPED: f32 = 0.95;
 /// Maximum number of exposures. Exposures take memory, and more than a few add no information.
 const MOST_EXPOSURES: usize = 64;

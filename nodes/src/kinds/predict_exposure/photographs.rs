@@ -25,10 +25,10 @@ const FEWEST: usize = 16;
 /// Limits above which the light of a photograph contradicts the other pictures, in stops. The first limit is for
 /// the median of the differences at all pixels, and the second for the median deviation from this median.
 const APART: [f32; 2] = [0.5, 1.0];
-/// Of the pixels that are white in the other pictures, the maximum share that may be too dark in a photograph. For
-/// the 74 panoramas of hdri-train, this share is 0 with their own photographs. It exceeds the limit for 99 of 100
-/// photographs that show another place, are mirrored, or are rotated by 56 degrees; for two of three that are
-/// rotated by 4 degrees; and for one of three that are rotated by one degree.
+/// Maximum share of pixels that may be too dark in a photograph, among the pixels that are white in all brighter
+/// pictures. For the 74 panoramas of hdri-train, this share is 0 for photographs made from the same panorama. It
+/// exceeds the limit for 99 of 100 photographs that show another place, are mirrored, or are rotated by 56 degrees;
+/// for two of three that are rotated by 4 degrees; and for one of three that are rotated by one degree.
 const SHORT: f64 = 0.1;
 
 /// Checks that there is one file per exposure.
@@ -188,8 +188,8 @@ impl Photographs {
         Ok(())
     }
 
-    /// Adds to the mask the pixels slightly below the white level that may be clipped too: those that are brighter
-    /// in a photograph by more than the rounding of codes.
+    /// Adds pixels slightly below the white level to the mask, since they may be clipped too. A pixel is added if a
+    /// photograph shows more light there, and the difference is larger than the rounding of codes.
     pub fn add_clipped(
         &self,
         pixels: &LinearPixels,

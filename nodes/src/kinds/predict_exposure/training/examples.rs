@@ -18,7 +18,7 @@ const SHOTS: u32 = 8;
 /// Maximum deviation of the exposure from EV 0, in stops.
 const STOPS: f64 = 1.2;
 /// Maximum number of clipped cells that an example keeps. If there are more, it keeps the [`BRIGHTEST`] cells with
-/// the most hidden light, and a random choice of the others.
+/// the most hidden light, and a random selection of all other cells.
 const CELLS: usize = 1400;
 /// Number of cells that are chosen by their hidden light if an example has more than [`CELLS`] clipped cells.
 const BRIGHTEST: usize = 250;
