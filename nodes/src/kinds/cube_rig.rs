@@ -56,7 +56,7 @@ engine::outputs! {
 /// would also do. With these angles, the viewing direction of every face is at least 15 degrees from every axis.
 const OFF_AXIS_DEG: [f64; 3] = [27.0, 19.0, 11.0];
 
-/// Rotates the perpendicular unit vectors `a` and `b` in their plane, by an angle from `a` towards `b`.
+/// Rotates the perpendicular unit vectors `a` and `b` in their plane by `degrees`, from `a` towards `b`.
 fn turned(a: DVec3, b: DVec3, degrees: f64) -> (DVec3, DVec3) {
     let (sin, cos) = num::sin_cos(degrees.to_radians());
     (a * cos + b * sin, b * cos - a * sin)

@@ -101,7 +101,7 @@ impl Kind for ScoreEnv {
 /// Name and unit of a score, and its value; `None` if it cannot be computed.
 type Score = (&'static str, &'static str, Option<f64>);
 
-/// Computes the scores.
+/// Computes all scores of `env`, with `truth` as the reference.
 fn score(
     env: &Environment,
     truth: &Environment,

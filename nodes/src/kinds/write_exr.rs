@@ -23,8 +23,8 @@ engine::choices! {
 engine::params! {
     /// Writes pictures as OpenEXR: a single picture, or several as named layers.
     ///
-    /// Give either `image`, whose channels become R, G, B (and A), or `layers`. A layer is named after the output
-    /// that its wire comes from, or by `names`. A layer of colour is written as the channels `name.R`, `name.G`,
+    /// Give either `image`, whose channels become R, G, B (and A), or `layers`. A layer is named by `names`, or
+    /// after the output that its wire comes from. A layer of colour is written as the channels `name.R`, `name.G`,
     /// `name.B` (and `name.A`), a layer of a single channel as `name`, and a layer named N as `N.X`, `N.Y`, `N.Z`.
     /// Colours keep their encoding unless `encoding` is `Linear`; the attribute `lightharmony:encoding` records the
     /// encoding of each layer. Other programs ignore this attribute and treat all colours as linear, so mixed

@@ -25,9 +25,9 @@ engine::inputs! {
     }
 }
 engine::outputs! {
-    /// The file.
+    /// The written file.
     pub struct Out {
-        /// One file.
+        /// List of one file.
         files: Arc<Files>,
     }
 }

@@ -26,7 +26,7 @@ engine::inputs! {
 engine::outputs! {
     /// Outputs of [`WriteReport`].
     pub struct Out {
-        /// One file.
+        /// List of one file.
         files: Arc<Files>,
     }
 }

@@ -47,7 +47,8 @@ engine::inputs! {
         background: Arc<Images>,
         /// The objects, linear, premultiplied, with alpha.
         object: Arc<Images>,
-        /// Factor by which each channel of the background is multiplied. If it is not wired, there is no shadow.
+        /// Factor by which each channel of the background is multiplied. If this input is not wired, there is no
+        /// shadow.
         shadow: Option<Arc<Images>>,
         /// Light that the objects add to the background (negative where they remove it), from `shadow-ratio`.
         added: Option<Arc<Images>>,

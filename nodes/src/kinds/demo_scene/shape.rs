@@ -82,8 +82,8 @@ pub(super) struct Shapes {
     solids: u32,
 }
 
-/// Axes u and v of each face of a box, chosen so that u x v points outwards, and the side of the box on which
-/// the face lies.
+/// For each face of a box: its axes u and v, for which u x v points outwards, and the direction from the centre of
+/// the box to the face.
 const FACES: [([f64; 3], [f64; 3], [f64; 3]); 6] = [
     ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]),
     ([0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]),

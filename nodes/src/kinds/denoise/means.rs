@@ -232,8 +232,8 @@ const NEARNESS: usize = 9;
 const LEVEL: usize = 12;
 /// Index of the first of the planes of the values to average.
 const AVERAGED: usize = 13;
-/// Index of the last two planes: the reciprocal of the variance, and the largest variance that is averaged at full
-/// weight. They exist only if weights are reduced by variance.
+/// Index of the last two planes: the reciprocal of the variance, and the largest variance that another pixel can
+/// have to be averaged at full weight. They exist only if weights are reduced by variance.
 const DOUBT: usize = AVERAGED + VALUES;
 
 /// A tile and its surroundings, one plane per number of a pixel, so that rows can be processed in vector

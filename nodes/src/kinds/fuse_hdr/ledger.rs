@@ -211,7 +211,7 @@ impl Lights {
         Report { title: "Recovered light".to_owned(), tables: vec![emitters, energy, steps] }
     }
 
-    /// Total energy after a step. Pixels in no group are unchanged.
+    /// Total energy after a step. Pixels that belong to no group have the light of the panorama.
     fn energy(&self, step: usize, up: Up, pixels: &LinearPixels) -> Energy {
         let mut luminance: Vec<f64> = (0..pixels.rgb.len()).map(|at| luminance_of(pixels, at)).collect();
         for (members, values) in self.groups().zip(&self.steps[step].1) {

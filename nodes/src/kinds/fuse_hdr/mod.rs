@@ -21,8 +21,8 @@ use self::sky::Balance;
 engine::choices! {
     /// Transition from the light of the panorama to the predicted light.
     pub enum Blend {
-        /// Gradual, as the brightest channel rises from the threshold to 1. A prediction can only make a
-        /// pixel brighter.
+        /// Gradual, while the brightest channel rises from the threshold to 1. A prediction can only make a pixel
+        /// brighter.
         Ramp,
         /// Immediate where luminance exceeds the threshold, as in the paper's equation.
         Hard,

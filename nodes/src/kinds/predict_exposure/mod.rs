@@ -57,7 +57,7 @@ engine::params! {
         /// Minimum linear value at which a channel counts as clipped, where white is 1. Lower it for pictures whose
         /// white level is below 1, which can happen in splat renders and video.
         white: f32 = CLIPPED, range(0.5, 1.0), other("0.9");
-        /// Weights for `Learned` that replace the built-in ones: a file written by `train-exposure`.
+        /// Weights file for `Learned`, written by `train-exposure`. It replaces the built-in weights.
         weights: Option<InputFile> = None, other("\"exposure.safetensors\"");
     }
 }

@@ -20,10 +20,10 @@ pub(super) struct Spread {
     pixels: Vec<Vec<(u32, f64, f64)>>,
     /// Solid angle of the clipped pixels of each region.
     pub solid_angle: Vec<f64>,
-    /// Luminance times solid angle of the clipped pixels of each region.
+    /// For each region, the sum of luminance times solid angle over its clipped pixels.
     pub flux: Vec<f64>,
-    /// Luminance of the clipped pixels of each region, times the solid angle of the whole cells that contain them.
-    /// The ratio to `flux` is at most [`LARGEST_DILUTION`].
+    /// For each region, the luminance of its clipped pixels times the solid angle of the whole cells that contain
+    /// them. The ratio to `flux` is at most [`LARGEST_DILUTION`].
     pub cell_flux: Vec<f64>,
 }
 

@@ -20,8 +20,8 @@ fn whole_sky() -> f64 {
     Energy::of(Up::PlusZ, W, &[1.0; W * H]).ground
 }
 
-/// Outdoor capture with `filled` in place of the upper sky, a thin visible strip of sky below it, and ground with
-/// an unseen part that is filled with white.
+/// Outdoor capture in which the upper sky is unseen and filled with the radiance `filled`. Below it is a thin strip
+/// of visible sky. An unseen part of the ground is filled with white.
 fn capture(filled: f64, alpha: impl Fn(usize) -> f32) -> (Arc<Panorama>, Arc<Brackets>) {
     let ground = ALBEDO * SKY * whole_sky() / PI;
     let light = |at: usize| {

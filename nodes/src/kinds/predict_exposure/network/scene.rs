@@ -26,9 +26,9 @@ pub(in super::super) struct Scene {
     pub overview: [f32; OVERVIEW],
     /// Clipped cells, in order of their index in the grid.
     pub cells: Vec<ClippedCell>,
-    /// Luminance times solid angle of the visible unclipped parts of all cells.
+    /// Sum of luminance times solid angle over the visible unclipped parts of all cells.
     pub open_flux: f64,
-    /// Luminance times solid angle of all visible parts above the horizon.
+    /// Sum of luminance times solid angle over all visible parts above the horizon.
     pub above: f64,
     /// For each region, the degree to which it is the sun, from 0 to 1.
     pub suns: Vec<f64>,
