@@ -9,8 +9,8 @@ use crate::types::layers::{linear, matching};
 use crate::types::{Data, Image, Images, NamedImage};
 
 engine::params! {
-    /// Makes the shadow by alpha compositing of a grey mask instead of by a ratio of light, as in an ablation of
-    /// the paper.
+    /// Makes the shadow by alpha compositing of a grey mask instead of by a ratio of light. The paper evaluates
+    /// this variant in an ablation.
     ///
     /// The mask is the fraction of luminance that the objects take away. An image editor composites it as black
     /// over the displayed picture, without converting to linear light. This node outputs a factor in linear light
@@ -27,9 +27,9 @@ engine::params! {
 engine::inputs! {
     /// Inputs of [`AlphaShadow`].
     pub struct In {
-        /// The receiver without the objects (R0).
+        /// Render of the receiver without the objects (R0).
         without: Arc<Images>,
-        /// The receiver with the objects, which are invisible to the camera (R1).
+        /// Render of the receiver with the objects, which are invisible to the camera (R1).
         with: Arc<Images>,
     }
 }
@@ -37,7 +37,7 @@ engine::inputs! {
 engine::outputs! {
     /// Outputs of [`AlphaShadow`].
     pub struct Out {
-        /// Factor of the background in linear light, the same in each channel.
+        /// Factor by which the linear light of the background is multiplied. It is the same in each channel.
         shadow: Arc<Images>,
     }
 }

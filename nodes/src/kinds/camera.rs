@@ -1,4 +1,4 @@
-//! `camera`: one pinhole camera, given by its position and target.
+//! `camera`: a single pinhole camera, defined by its position and target.
 
 use std::sync::Arc;
 

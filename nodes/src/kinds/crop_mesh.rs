@@ -18,7 +18,7 @@ engine::params! {
         box_min: Option<[f64; 3]> = None, other("(0.2, -1.0, -1.0)"), unit("world units");
         /// Corner of the box with the largest world coordinates.
         box_max: Option<[f64; 3]> = None, other("(0.5, 1.0, 1.0)"), unit("world units");
-        /// Maximum height that is kept, along the up axis of the scene.
+        /// Maximum height of the triangles that are kept, along the up axis of the scene.
         below_height: Option<f64> = None, other("0.5"), unit("world units");
     }
 }

@@ -15,7 +15,7 @@ engine::choices! {
         /// axes, so a camera that looks along an axis sees many splats of equal depth, which are drawn in file
         /// order.
         OffAxis,
-        /// Faces along the axes of the world, as in other tools.
+        /// Not rotated: each face looks along an axis of the world, as in other tools.
         Aligned,
     }
 }
@@ -56,13 +56,13 @@ engine::outputs! {
 /// would also do. With these angles, the viewing direction of every face is at least 15 degrees from every axis.
 const OFF_AXIS_DEG: [f64; 3] = [27.0, 19.0, 11.0];
 
-/// Rotates the perpendicular unit vectors `a` and `b` in their plane, by an angle from `a` towards `b`.
+/// Rotates the perpendicular unit vectors `a` and `b` in their plane by `degrees`, from `a` towards `b`.
 fn turned(a: DVec3, b: DVec3, degrees: f64) -> (DVec3, DVec3) {
     let (sin, cos) = num::sin_cos(degrees.to_radians());
     (a * cos + b * sin, b * cos - a * sin)
 }
 
-/// The six cameras at `eye`, in a world whose right, forward and up are `axes`.
+/// The six cameras at `eye`. `axes` are the right, forward and up directions of the world.
 pub(crate) fn cube(eye: DVec3, axes: [DVec3; 3], size_px: u32, guard_deg: f64, turn: Turn) -> Rig {
     let [mut right, mut forward, mut above] = axes;
     if turn == Turn::OffAxis {
@@ -104,7 +104,7 @@ impl Kind for CubeRig {
         let axes = equirect::axes(cx.up());
         let eye = at.translation() + axes[2] * (params.height_metres / cx.metres_per_unit());
         if !eye.is_finite() {
-            return Err(NodeError::new("the point of the rig is not finite").at("at"));
+            return Err(NodeError::new("the position of the cameras is not finite").at("at"));
         }
         let rig = cube(eye, axes, params.size_px, params.guard_deg, params.turn);
         Ok((Out { rig: Arc::new(rig) }, Notes::none()))

@@ -28,7 +28,8 @@ engine::inputs! {
         rig: Arc<Rig>,
         /// Objects to be lit.
         objects: Vec<Arc<Placed>>,
-        /// Coarse panorama of the same light. The half pixel by which its pixels can widen a light is subtracted.
+        /// Coarse panorama of the same light. Its pixels can make a light appear up to half a pixel wider, so this
+        /// width is subtracted.
         look: Arc<Environment>,
     }
 }
@@ -168,7 +169,7 @@ mod tests {
         }
     }
 
-    /// The environment, downsampled by the factor `times` in width and height.
+    /// The environment, downsampled by a factor of `times` in width and in height.
     fn seen_by_fewer(environment: &Environment, times: usize) -> Arc<Environment> {
         let fine = &environment.image;
         let (width, height) = (fine.width / times, fine.height / times);

@@ -66,7 +66,7 @@ impl Kind for JoinReports {
                     Some(known) if known.columns.iter().cloned().eq(columns()) => known.rows.extend(rows),
                     Some(_) => {
                         let text = format!(
-                            "the table `{}` of report {index} has different columns than in earlier reports",
+                            "the columns of the table `{}` in report {index} differ from its columns in earlier reports",
                             table.name
                         );
                         return Err(NodeError::new(text).at("reports"));
@@ -110,7 +110,7 @@ mod tests {
         assert_eq!(joined.tables[0].rows, [[Cell::Number(1.0)], [Cell::Number(2.0)]]);
         assert!(
             join(vec![report(&["x"], 1.0), report(&["y"], 2.0)])
-                .is_err_and(|e| e.contains("different columns"))
+                .is_err_and(|e| e.contains("differ from its columns"))
         );
         assert_eq!(join(vec![]).map(|joined| joined.tables.len()), Ok(0));
     }

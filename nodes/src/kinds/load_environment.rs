@@ -83,7 +83,7 @@ impl Kind for LoadEnvironment {
     }
 }
 
-/// Multiplies values by `by`. Values below 0 become 0, and values that overflow become the largest float.
+/// Multiplies the values by `by`. Values below 0 become 0, and values that overflow become the largest float.
 fn scale(rgb: &mut [f32], by: f64, notes: &mut Notes) {
     let (mut negative, mut capped) = (0, 0);
     for value in rgb {

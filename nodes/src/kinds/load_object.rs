@@ -21,8 +21,8 @@ engine::params! {
     /// Materials are metallic-roughness with all their textures and with these KHR extensions: transmission,
     /// volume, ior, clearcoat, sheen, specular, anisotropy, iridescence, diffuse transmission, emissive strength,
     /// unlit. Specular-glossiness materials keep their diffuse colour and glossiness, and lose their specular
-    /// colour. If a file requires another extension, that is an error. An optional extension that is not supported
-    /// is reported; if its effect would be visible, the result is marked as degraded.
+    /// colour. A file that requires any other extension is refused. An optional extension that is not supported is
+    /// reported; if its effect would be visible, the result is marked as degraded.
     pub struct LoadObject {
         /// The file: `.glb`, `.stl`, or `.gltf` and `.obj` with the files that they refer to.
         path: InputFile, other("\"b.glb\"");

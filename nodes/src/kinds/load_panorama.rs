@@ -113,7 +113,8 @@ impl Kind for LoadPanorama {
         }
         let (image, light) = match p.photograph_ev {
             Some(_) if !linear => {
-                let error = NodeError::new("the file holds display colours, which are already a photograph");
+                let error =
+                    NodeError::new("the file contains display colours, which already have an exposure");
                 return Err(error
                     .at("photograph_ev")
                     .hint("leave out `photograph_ev`, or load an OpenEXR or Radiance file"));
@@ -145,7 +146,7 @@ impl Kind for LoadPanorama {
     }
 }
 
-/// The rotation by a whole number of columns that is nearest to a rotation by `degrees`. It is given in degrees.
+/// The rotation, in degrees, by the whole number of columns that is nearest to a rotation by `degrees`.
 fn whole_columns(degrees: f64, width: usize, notes: &mut Notes) -> f64 {
     let column = 360.0 / width as f64;
     let whole = (degrees / column).round() * column;
@@ -158,8 +159,8 @@ fn whole_columns(degrees: f64, width: usize, notes: &mut Notes) -> f64 {
     whole
 }
 
-/// Colours with transparent pixels filled from their surroundings, as in `stitch`. `None` if no pixel is
-/// transparent.
+/// Fills transparent pixels from their surroundings, as `stitch` does, and returns all pixels. `None` if no pixel
+/// is transparent, or if all are.
 fn fill_holes(
     pixels: &[[f32; 4]],
     width: usize,
@@ -173,7 +174,7 @@ fn fill_holes(
     }
     let height = pixels.len() / width;
     if open.len() == pixels.len() {
-        notes.warning("no-light", "the panorama is transparent everywhere: it is black");
+        notes.warning("no-light", "all pixels of the panorama are transparent, so the panorama is black");
         return Ok(None);
     }
     let share = open.iter().map(|at| pixel_solid_angle(width, height, at / width)).sum::<f64>() / (4.0 * PI);
@@ -185,7 +186,7 @@ fn fill_holes(
     let lost = open.iter().filter(|at| pixels[**at][..3].iter().any(|v| *v > 0.0)).count();
     if lost > 0 {
         let text = format!(
-            "{lost} transparent pixels hold light, which is not used: they are filled like other holes; if this light adds to the background, save the file without alpha"
+            "the light of {lost} transparent pixels is ignored, since transparent pixels are filled as holes; to keep this light, save the file without alpha"
         );
         notes.warning("light-in-holes", text);
     }
@@ -202,7 +203,7 @@ fn fill_holes(
     Ok(Some(filled.into_iter().map(code).collect()))
 }
 
-/// The photograph that a camera would take of the light, and the light itself at the same exposure.
+/// Returns the photograph that a camera would take of the light, and the light itself at the same exposure.
 fn photograph(mut light: Image<Linear>, ev: f64, up: Up, notes: &mut Notes) -> (Picture, Image<Linear>) {
     let ev0 = ev0_scale(&light).unwrap_or_else(|| {
         notes.warning("no-light", "the panorama is black; its exposure cannot be measured");
@@ -322,8 +323,8 @@ mod tests {
         assert!(matches!(&out.pano.image, Picture::Linear(image) if image.rgb(1, 1) == [900.0; 3]));
     }
 
-    /// After a rotation by a fraction of a pixel, a hole has a soft edge that is not dark. This test fails if
-    /// `straight` is called before `turn`.
+    /// If the panorama is rotated by a fraction of a pixel, a hole gets a soft edge that is not dark. This test
+    /// fails if `straight` is called before `turn`.
     #[test]
     fn a_turn_mixes_what_is_seen() {
         let (seen, hole) = ([0.8, 0.4, 0.2, 1.0], [0.0; 4]);
@@ -384,7 +385,7 @@ mod tests {
             notes.iter().find(|note| note.id == "light-in-holes").map(|note| note.text.clone())
         };
         assert_eq!(reported(0.0), None);
-        assert!(reported(50.0).is_some_and(|text| text.starts_with("1 transparent pixels hold light")));
+        assert!(reported(50.0).is_some_and(|text| text.starts_with("the light of 1 transparent pixels")));
     }
 
     /// A photograph of the front half of the sphere, as written by phones, is placed according to its metadata, and
@@ -432,7 +433,7 @@ mod tests {
         let Picture::Srgb(image) = &out.pano.image else { panic!("display colours") };
         assert!(image.rgb(1, 0).iter().zip([200.0, 100.0, 50.0]).all(|(v, c)| (v * 255.0 - c).abs() < 1e-3));
         assert_eq!(out.pano.alpha.samples[..2], [1.0, 0.2]);
-        let error = load(&bytes, Some(0.0)).map(|_| ()).expect_err("is a already a photograph");
-        assert!(error.to_string().contains("already a photograph"), "{error}");
+        let error = load(&bytes, Some(0.0)).map(|_| ()).expect_err("already has an exposure");
+        assert!(error.to_string().contains("already have an exposure"), "{error}");
     }
 }

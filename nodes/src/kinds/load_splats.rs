@@ -43,7 +43,7 @@ engine::params! {
         path: InputFile, other("\"b.ply\"");
         /// More files of the same scene, such as the chunks of a capture; appended in this order.
         more: Vec<InputFile> = Vec::new(), other("[\"b.ply\"]");
-        /// True to fail at the first row that would be dropped, with an error that names it.
+        /// True to fail at the first row that would be dropped. The error then names this row.
         strict: bool = false, inert("the output does not change unless there is an error");
         /// Maximum length of the axes of a splat. Splats with a longer axis are dropped: they hide the scene, and
         /// usually mean that scales were not stored as logarithms.
@@ -175,10 +175,9 @@ impl LoadSplats {
     }
 
     /// Reads the scene without the harmonics above degree 0, which saves memory. Also returns the degree of the
-    /// harmonics in the files. The notes are those of [`run`](Kind::run) about the files.
+    /// harmonics in the files. The notes are the notes that [`run`](Kind::run) adds about the files.
     ///
-    /// # Errors
-    /// If [`run`](Kind::run) would fail.
+    /// # Errors If [`run`](Kind::run) would fail.
     pub fn plain(&self, cx: &Context) -> Result<(Splats, u32, Notes), NodeError> {
         let (files, notes) = self.read(true, cx)?;
         let degree = files.iter().map(|file| file.stored_degree).max().unwrap_or(0);
@@ -215,8 +214,8 @@ fn other_up(splats: &Splats, cx: &Context) -> Option<String> {
     let [x, y, z] = found.up;
     let found = found.axis().map_or_else(|| format!("({x:.3}, {y:.3}, {z:.3})"), str::to_owned);
     Some(format!(
-        "judging by its floor, the up axis of the scene is {found}, but the graph has {}: set `up` of the scene, or `frame` or \
-         `matrix` here (`lightharmony inspect` shows the scene)",
+        "judging by its floor, the up axis of the scene is {found}, but `up` of the graph's scene is {}; \
+         change `up`, or set `frame` or `matrix` of this node (`lightharmony inspect` shows the scene)",
         cx.up().name()
     ))
 }
@@ -230,8 +229,8 @@ mod tests {
     use crate::render::splat::{Settings, render};
     use crate::types::Camera;
 
-    /// A place whose floor and walls show that its up axis is -y, as in files of INRIA, is reported. This test
-    /// fails if `> SAME_UP` is changed to `< SAME_UP`.
+    /// A scene is reported if its floor and walls show that its up axis is -y, which is usual for INRIA files. This
+    /// test fails if `> SAME_UP` is changed to `< SAME_UP`.
     #[test]
     fn another_axis_up_than_the_floor_says_is_reported() {
         let mut scene = Splats::empty();

@@ -24,7 +24,7 @@ engine::params! {
     pub struct OverrideMaterial {
         /// Type of the material.
         surface: Surface = Surface::Diffuse, other("Glossy");
-        /// Linear colour: albedo of a diffuse or dielectric surface, reflectance of a metal.
+        /// Linear colour: the albedo of a diffuse or dielectric surface, or the reflectance of a metal.
         colour: [f64; 3] = [0.5; 3], range(0.0, 1.0), other("(0.1, 0.2, 0.3)");
         /// Metalness, from 0 (dielectric) to 1 (metal).
         metallic: f64 = 0.0, range(0.0, 1.0), other("0.5"), inert("a diffuse surface has no metalness");

@@ -10,8 +10,8 @@ use crate::types::{Object, Placed, Pose};
 engine::params! {
     /// Places an object at a pose.
     ///
-    /// The coordinates of objects are those of glTF: y up, in metres. They are converted to the world by `up` and
-    /// `metres_per_unit` of the scene.
+    /// The coordinates of objects follow glTF: y is up, and the unit is the metre. They are converted to the world
+    /// by `up` and `metres_per_unit` of the scene.
     pub struct Place {}
 }
 engine::inputs! {

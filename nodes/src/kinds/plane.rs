@@ -24,7 +24,7 @@ engine::params! {
         depth_metres: f64 = 6.0, range(1e-3, 1e5), unit("m"), other("3.0");
         /// Side of the squares that the rectangle consists of. Each corner of a square has a colour.
         square_metres: f64 = 0.1, range(1e-3, 1e5), unit("m"), other("0.5");
-        /// Largest distance above or below the rectangle at which splats contribute to its colours.
+        /// Maximum distance above or below the rectangle at which splats contribute to its colours.
         thickness_metres: f64 = 0.15, range(1e-4, 100.0), unit("m"), other("0.01");
     }
 }
@@ -199,7 +199,7 @@ mod tests {
         assert!((reach(0) - 0.5).abs() < 1e-6 && (reach(1) - 1.0).abs() < 1e-6);
     }
 
-    /// Red ground to the left, green to the right, and a blue board a metre above both.
+    /// Red ground to the left and green ground to the right, with a blue board a metre above both.
     fn ground() -> Splats {
         let mut splats = Splats::empty();
         let mut add = |mean: [f32; 3], dc: [f32; 3]| {

@@ -133,12 +133,12 @@ impl Kind for PoseNode {
     }
 }
 
-/// Point of the ground that a pixel shows.
+/// Point of the ground that the pixel `pixel` shows.
 fn ground(pixel: [f64; 2], inputs: &In, cx: &Context, notes: &mut Notes) -> Result<DVec3, NodeError> {
     let cameras = inputs.rig.as_deref().map_or(&[][..], |rig| &rig.cameras);
     let [camera] = cameras else {
         return Err(NodeError::new(format!(
-            "`rig` has {} cameras, but `pixel` is a pixel of a single camera",
+            "`rig` has {} cameras, but `pixel` needs exactly one",
             cameras.len()
         ))
         .hint("load a single camera, for example by `LoadCameras(pick: [\"name\"])`"));
@@ -229,7 +229,8 @@ mod tests {
         assert!(PoseNode::check(&PoseNode { matrix: Some(column_major), ..plain() }).is_err());
     }
 
-    /// Floor at z = 0.5 that ends at y = 2 with a wall up to z = 1.5, and a camera in front of the wall.
+    /// Floor at z = 0.5 that ends with a wall at y = 2, and a camera in front of the wall. The top of the wall is
+    /// at z = 1.5.
     fn place() -> (Mesh, crate::types::Camera) {
         let mut mesh = Mesh::default();
         let mut quad = |corners: [[f32; 3]; 4]| {

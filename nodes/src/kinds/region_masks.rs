@@ -17,11 +17,11 @@ engine::params! {
     pub struct RegionMasks {
         /// Alpha above which a pixel belongs to the object.
         object_threshold: f64 = 0.5, range(0, 1), other("0.1");
-        /// Largest alpha at which a pixel can belong to the shadow or the rest. Soft edges, whose alpha is between
-        /// this and `object_threshold`, belong to no region.
+        /// Largest alpha at which a pixel can belong to the shadow or the rest. Pixels of soft edges, whose alpha
+        /// is between this value and `object_threshold`, belong to no region.
         edge_threshold: f64 = 0.0, range(0, 1), other("0.5");
-        /// Change of a channel above which a pixel belongs to the shadow: a difference in display values, or the
-        /// difference of the factor from 1.
+        /// Minimum change of a channel for a pixel to belong to the shadow. The change is a difference in display
+        /// values, or the difference of the factor from 1.
         shadow_threshold: f64 = 0.02, range(0, 1), other("0.3");
         /// Height of the contact band, as a fraction of the object's height in the picture.
         contact: f64 = 0.05, range(0, 1), other("0.5");
@@ -34,9 +34,9 @@ engine::inputs! {
         object: Arc<Images>,
         /// Shadow factor of the background, from `shadow-ratio`.
         shadow: Option<Arc<Images>>,
-        /// The scene without the object.
+        /// Picture of the scene without the object.
         without: Option<Arc<Images>>,
-        /// The scene with the object.
+        /// Picture of the scene with the object.
         with: Option<Arc<Images>>,
     }
 }
@@ -45,11 +45,11 @@ engine::outputs! {
     pub struct Out {
         /// Pixels of the object.
         object: Arc<Images>,
-        /// Pixels of its shadow.
+        /// Pixels of the object's shadow.
         shadow: Arc<Images>,
         /// Pixels that are neither object, soft edge nor shadow.
         rest: Arc<Images>,
-        /// Pixels just below the object.
+        /// Pixels of the contact band.
         contact: Arc<Images>,
     }
 }
@@ -127,7 +127,7 @@ impl Kind for RegionMasks {
     }
 }
 
-/// Checks that the shadow is given by at most one source.
+/// Checks that at most one source of the shadow is wired, and that `with` and `without` are wired together.
 fn check_shadow([shadow, with, without]: [bool; 3]) -> Result<(), NodeError> {
     if with != without {
         return Err(NodeError::new("`with` and `without` must be wired together").at(if with {
@@ -180,7 +180,7 @@ fn shown(picture: &Picture, port: &'static str) -> Result<Vec<[f64; 3]>, NodeErr
         .collect())
 }
 
-/// Pixels directly below the lowest pixel of the object in each column.
+/// Pixels of the contact band: in each column, the pixels directly below the lowest pixel of the object.
 fn contact_band(object: &[bool], width: usize, height: usize, share: f64) -> Vec<bool> {
     let mut band = vec![false; object.len()];
     let filled = |y: &usize| object[y * width..(y + 1) * width].contains(&true);

@@ -17,12 +17,12 @@ use crate::types::{Cell, Environment, Report, Table};
 engine::params! {
     /// Scores recovered light against a reference.
     ///
-    /// Compares the illumination of a scene: the irradiance of planes in every direction and of six planes along
-    /// the axes of the world, the direction of the dominant light, its contrast, the panoramas weighted by solid
-    /// angle, and renders of a matte, a glossy and a mirror sphere seen along the world's forward axis. Contrast is
-    /// the ratio of the dominant light to all other light; it determines how dark a shadow is. In the recovered
-    /// light, the dominant light is the light from within 15 degrees of the true direction, so a light in any other
-    /// direction counts as missing.
+    /// Compares the illumination of a scene: the irradiance on planes that face every direction and on six planes
+    /// that face along the axes of the world, the direction of the dominant light, its contrast, the panoramas
+    /// weighted by solid angle, and renders of a matte, a glossy and a mirror sphere seen along the world's forward
+    /// axis. Contrast is the ratio of the dominant light to all other light; it determines how dark a shadow is. In
+    /// the recovered light, the dominant light is the light from within 15 degrees of the true direction, so a
+    /// light in any other direction counts as missing.
     ///
     /// Irradiance over all planes, energy, panoramas and spheres use red, green and blue, as published; the six
     /// planes, the dominant light and the peak use luminance.
@@ -32,7 +32,7 @@ engine::params! {
     /// that contains its centre, and texels larger than a cell are split. If no direction stands out, there is no
     /// dominant light.
     pub struct ScoreEnv {
-        /// Number of planes, spread evenly over all directions, whose irradiance is compared.
+        /// Number of planes, with normals spread evenly over all directions, on which the irradiance is compared.
         normals: u32 = 512, range(1, 100000), other("64");
     }
 }
@@ -101,7 +101,7 @@ impl Kind for ScoreEnv {
 /// Name and unit of a score, and its value; `None` if it cannot be computed.
 type Score = (&'static str, &'static str, Option<f64>);
 
-/// Computes the scores.
+/// Computes all scores of `env`, with `truth` as the reference.
 fn score(
     env: &Environment,
     truth: &Environment,
@@ -195,8 +195,8 @@ const SPHERES: [(Sphere, [&str; 2]); 3] = [
 ];
 
 /// Two scores of the panoramas: the mean absolute difference of radiance over channels and solid angle, divided by
-/// the mean radiance of the truth; and log2 of the ratio of the energies. They are computed per texel. Panoramas of
-/// different sizes are compared on the finest grid that both fill. `None` if a panorama is black.
+/// the mean radiance of the truth; and log2 of the ratio of the two energies. They are computed per texel.
+/// Panoramas of different sizes are compared on the finest grid that both fill. `None` if a panorama is black.
 fn weighed(env: &Environment, truth: &Environment) -> (Option<f64>, Option<f64>) {
     let (mut off, mut found, mut want) = (0.0, 0.0, 0.0);
     let mut add = |[a, b]: [[f64; 3]; 2], solid_angle: f64| {

@@ -20,7 +20,7 @@ engine::params! {
     /// stretched, two pinhole cameras are used instead and blended with the layout between 25 and 30 degrees
     /// from the pole. Replaces `cube-rig`, `splat-render` and `stitch`.
     pub struct SplatPanorama {
-        /// Height of the point of the panorama above the origin of the pose, along the up axis.
+        /// Height of the panorama's viewpoint above the origin of the pose, along the up axis.
         height_metres: f64 = 0.5, range(-1000.0, 1000.0), unit("m"), other("0.75");
         /// Width of the panorama, even; the height is half of it.
         width_px: u32 = 2048, range(16, 16384), unit("px"), other("64"),
@@ -54,8 +54,8 @@ engine::outputs! {
         image: Arc<Images>,
         /// Coverage of each pixel, 0 to 1.
         alpha: Arc<Images>,
-        /// Distance from the point in world units, +inf where nothing is seen: the mean over the samples of a
-        /// pixel, weighted by alpha.
+        /// Distance from the panorama's viewpoint in world units, +inf where nothing is seen: the mean over the
+        /// samples of a pixel, weighted by alpha.
         depth: Arc<Images>,
         /// Number of splats blended into each pixel, over all its samples; empty unless `count_blends` is set.
         blends: Arc<Images>,
@@ -153,7 +153,7 @@ impl Kind for SplatPanorama {
         let up = cx.up();
         let origin = at.translation() + equirect::axes(up)[2] * (params.height_metres / cx.metres_per_unit());
         if !origin.is_finite() {
-            return Err(NodeError::new("the point of the panorama is not finite").at("at"));
+            return Err(NodeError::new("the viewpoint of the panorama is not finite").at("at"));
         }
         let settings = drawing.settings(Sort::Distance, &splats, cx, &mut notes);
         let share = near::cut_by_panorama(&splats, origin, settings.near);

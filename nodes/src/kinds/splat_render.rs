@@ -55,7 +55,7 @@ engine::outputs! {
     }
 }
 
-/// Depth limit of each camera.
+/// Depth limit for each camera.
 fn limits_of<'a>(rig: &Rig, limits: &'a Images) -> Result<Vec<&'a Image<Data>>, NodeError> {
     // A single depth applies to a single camera, but not to each of several.
     let known =

@@ -23,8 +23,8 @@ engine::choices! {
 engine::params! {
     /// Writes pictures as OpenEXR: a single picture, or several as named layers.
     ///
-    /// Give either `image`, whose channels become R, G, B (and A), or `layers`. A layer is named after the output
-    /// that its wire comes from, or by `names`. A layer of colour is written as the channels `name.R`, `name.G`,
+    /// Give either `image`, whose channels become R, G, B (and A), or `layers`. A layer is named by `names`, or
+    /// after the output that its wire comes from. A layer of colour is written as the channels `name.R`, `name.G`,
     /// `name.B` (and `name.A`), a layer of a single channel as `name`, and a layer named N as `N.X`, `N.Y`, `N.Z`.
     /// Colours keep their encoding unless `encoding` is `Linear`; the attribute `lightharmony:encoding` records the
     /// encoding of each layer. Other programs ignore this attribute and treat all colours as linear, so mixed
@@ -36,7 +36,7 @@ engine::params! {
         /// default is the names of the outputs that the wires come from.
         names: Vec<String> = Vec::new(), other("[\"B\"]");
         /// True to write colours as 16-bit floats, which take half the space and have about three significant
-        /// digits. Samples that overflow are counted. Data (depth, masks, variance) stays in 32 bits.
+        /// digits. Samples that overflow are clamped and counted. Data (depth, masks, variance) stays in 32 bits.
         half: bool = false, other("true");
         /// Encoding of the written colours. `Linear` un-premultiplies display-encoded colours, decodes them and
         /// premultiplies them again; alpha, linear light and data are unchanged.
@@ -51,7 +51,7 @@ engine::inputs! {
     pub struct In {
         /// One picture per view.
         image: Option<Arc<Images>>,
-        /// Pictures that belong together, one layer each; they must have the same views and size.
+        /// Pictures to write to one file, each as a layer; they must have the same views and size.
         layers: Vec<Arc<Images>>,
     }
 }
@@ -176,8 +176,8 @@ impl Kind for WriteExr {
     }
 }
 
-/// Name of each layer: from `names`, or the name of the output that it comes from. A single picture has no
-/// name.
+/// Name of each layer: from `names`, or the name of the output that the layer comes from. The layer of `image` has
+/// no name unless `names` gives one.
 fn layer_names<'a>(
     p: &'a WriteExr,
     images: usize,
@@ -231,7 +231,7 @@ fn report_encodings(layers: &[(&str, &Images)], notes: &mut Notes) {
         let text = format!("display-encoded layers ({encoded}) are mixed with linear ones ({linear})");
         notes.warning(
             "mixed-encodings",
-            format!("{text}, and other programs treat all as linear; `encoding: Linear` decodes them"),
+            format!("{text}, and other programs treat all layers as linear; `encoding: Linear` decodes them"),
         );
     }
 }
@@ -389,8 +389,8 @@ mod tests {
         assert_eq!(
             reported(WrittenEncoding::Keep, &all, layers()),
             [
-                "display-encoded layers (`B`) are mixed with linear ones (`R0`, `R1`), and other programs treat all as \
-              linear; `encoding: Linear` decodes them"
+                "display-encoded layers (`B`) are mixed with linear ones (`R0`, `R1`), and other programs treat all \
+              layers as linear; `encoding: Linear` decodes them"
             ]
         );
         assert!(reported(WrittenEncoding::Linear, &all, layers()).is_empty());

@@ -25,9 +25,9 @@ engine::inputs! {
     }
 }
 engine::outputs! {
-    /// The file.
+    /// The written file.
     pub struct Out {
-        /// One file.
+        /// List of one file.
         files: Arc<Files>,
     }
 }
@@ -42,8 +42,11 @@ impl Kind for WriteMesh {
 
     fn check(p: &Self) -> Result<(), NodeError> {
         if p.path.0.contains("{view}") {
-            let error = NodeError::new("a mesh is one file for all views").at("path");
-            return Err(error.hint("leave `{view}` out"));
+            let error = NodeError::new(
+                "`{view}` is not allowed here: the mesh is written to a single file for all views",
+            )
+            .at("path");
+            return Err(error.hint("remove `{view}` from `path`"));
         }
         let known = MeshFormat::of_path(&p.path.0).is_some();
         known.then_some(()).ok_or_else(|| {

@@ -26,7 +26,7 @@ engine::inputs! {
 engine::outputs! {
     /// Outputs of [`WriteReport`].
     pub struct Out {
-        /// One file.
+        /// List of one file.
         files: Arc<Files>,
     }
 }
@@ -40,8 +40,11 @@ impl Kind for WriteReport {
 
     fn check(p: &Self) -> Result<(), NodeError> {
         if p.path.0.contains("{view}") {
-            let error = NodeError::new("a report is one file for all views").at("path");
-            return Err(error.hint("leave `{view}` out"));
+            let error = NodeError::new(
+                "`{view}` is not allowed here: the report is written to a single file for all views",
+            )
+            .at("path");
+            return Err(error.hint("remove `{view}` from `path`"));
         }
         match p.path.extension().as_str() {
             "json" | "csv" | "md" | "txt" => Ok(()),
@@ -64,7 +67,7 @@ impl Kind for WriteReport {
     }
 }
 
-/// Formats a cell. A number has the shortest form that parses to the same value.
+/// Formats a cell with all digits. A number has the shortest form that parses to the same value.
 fn exact(cell: &Cell) -> String {
     match cell {
         Cell::Text(text) => text.clone(),
@@ -74,7 +77,7 @@ fn exact(cell: &Cell) -> String {
     }
 }
 
-/// Formats a cell for readers. A number has about five digits.
+/// Formats a cell for people to read. A number has about five digits.
 fn short(cell: &Cell) -> String {
     match cell {
         Cell::Number(x) if *x == 0.0 => "0".to_owned(),
@@ -168,7 +171,7 @@ mod tests {
     #[test]
     fn a_report_is_one_file() {
         let p = WriteReport { path: OutputFile("light_{view}.md".into()) };
-        assert!(WriteReport::check(&p).expect_err("no views").to_string().contains("one file"));
+        assert!(WriteReport::check(&p).expect_err("no views").to_string().contains("single file"));
     }
 
     #[test]

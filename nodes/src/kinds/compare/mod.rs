@@ -16,7 +16,7 @@ use table::{cells, unknown};
 engine::choices! {
     /// Encoding in which pictures are compared.
     pub enum Space {
-        /// Display values with the sRGB curve, clamped to 0 to 1, as in papers.
+        /// Display values with the sRGB curve, clamped to the range from 0 to 1, as papers do.
         Display,
         /// Linear light, not clamped. PSNR and SSIM still assume that white is 1. FLIP is replaced by HDR-FLIP over
         /// a range of exposures computed from the reference.
@@ -26,8 +26,8 @@ engine::choices! {
 engine::params! {
     /// Measures the difference between a picture and a reference.
     ///
-    /// Pictures of colours are compared in the table `compare`, with one row per view, picture and region. Its
-    /// columns are:
+    /// Pictures of colours are compared in the table `compare`, with one row per view, picture and region. The
+    /// table has these columns:
     ///
     /// - PSNR.
     /// - SSIM as in the code of 3D Gaussian splatting (`ssim_3dgs_zero_pad`), and without the border (`ssim_valid`,
@@ -39,9 +39,9 @@ engine::params! {
     /// - The relative MSE in linear light, `mean((a - b)^2 / (b^2 + 0.01))`.
     ///
     /// Pictures of data, such as a shadow ratio, are compared in the table `ratio`. In addition to PSNR and errors
-    /// it has the mean of `|ln a - ln b|`, where values below 0.001 count as 0.001, and the intersection over union
-    /// of the two shadows (pixels below 0.98). A value that cannot be computed is missing in its row, and is never
-    /// given as 0.
+    /// it has the mean of `|ln a - ln b|`, for which values below 0.001 are raised to 0.001, and the intersection
+    /// over union of the two shadows (pixels below 0.98). A value that cannot be computed is missing in its row,
+    /// and is never given as 0.
     ///
     /// For a region, SSIM and FLIP are the means of their maps over the region. With `Linear`, FLIP is HDR-FLIP
     /// (`hdr-flip mean` and `hdr-flip p95`); CIEDE2000 and LPIPS are not computed, which is reported. An inserted
@@ -50,13 +50,13 @@ engine::params! {
     /// without a wire is not computed.
     ///
     /// Alpha itself is not compared. Transparent parts are composited on black in the encoding of the picture: in
-    /// display values for a splat render, as in the metrics of splat trainers, and in linear light for the output
-    /// of `composite`. `Linear` composites all pictures in linear light, so that a composite without objects equals
-    /// its background.
+    /// display values for a splat render, which is how the metrics of splat trainers treat it, and in linear light
+    /// for the output of `composite`. `Linear` composites all pictures in linear light, so that a composite without
+    /// objects equals its background.
     pub struct Compare {
         /// Encoding in which to compare. Pictures of data are compared unchanged.
         space: Space = Space::Display, other("Linear");
-        /// True to round display values to 8 bits first, as in papers that compare PNG files.
+        /// True to round display values to 8 bits before they are compared, as in papers that compare PNG files.
         quantise: bool = true, other("false");
         /// Names of the regions, in the order of the wires. They must be unique, and none may be `whole`.
         names: Vec<String> = Vec::new(), other("[\"shadow\"]"), inert("without regions there is nothing to name");
@@ -70,7 +70,7 @@ engine::params! {
         /// Scores that another program gave to pictures for a required text and for a forbidden text: pairs
         /// (positive, negative) of numbers of at least 0. For each pair, the table `prompt` has the share `positive
         /// / (positive + negative)`. Its last two rows have the mean of these shares, and the share computed from
-        /// the sums of all positive and all negative scores. Papers differ in which of the two they print.
+        /// the sums of all positive and all negative scores. Papers differ in which of the two they report.
         scores: Vec<[f64; 2]> = Vec::new(), range(0, 1e9), other("[(0.6, 0.2)]");
         /// True to scale the input of LPIPS to the range from -1 to 1, as its networks expect. The code of 3D
         /// Gaussian splatting uses the range from 0 to 1 and prints smaller numbers.
@@ -152,7 +152,10 @@ impl Kind for Compare {
             if let Some(mask) = &mask {
                 let shown = mask.iter().filter(|shown| **shown).count();
                 let text = format!("{shown} of {} pixels of `{}` are inside the mask", mask.len(), view.name);
-                notes.decision("masked", format!("{text}; `whole` and all regions are limited to them"));
+                notes.decision(
+                    "masked",
+                    format!("{text}; the row `whole` and all regions are limited to these pixels"),
+                );
             }
             let mut regions = vec![("whole".to_owned(), None)];
             for (k, region) in inputs.regions.iter().enumerate() {
@@ -231,7 +234,8 @@ fn check_names(p: &Compare, regions: usize) -> Result<(), NodeError> {
     Err(NodeError::new(what).at("names").hint("name every region, in the order of the wires"))
 }
 
-/// Number of transparent pixels that a white background would change by half an 8-bit code or more.
+/// Number of transparent pixels whose value would change by half an 8-bit code or more if they were composited on
+/// white instead of black.
 fn open(picture: &Picture) -> usize {
     let (_, _, channels) = picture.size();
     let pixels = picture.samples().chunks_exact(channels.max(1));

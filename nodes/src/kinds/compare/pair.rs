@@ -12,7 +12,7 @@ use crate::math::num;
 use crate::types::layers::{coloured, linear};
 use crate::types::{Data, Image, Picture};
 
-/// Lower bound of ratios: smaller values are clamped to it, so that a pitch-black shadow, which
+/// Lower bound for the values of a ratio. Smaller values are clamped to it, so that a pitch-black shadow, which
 /// `shadow-ratio` may produce, has a finite error and is not left out.
 const DARKEST: f64 = 0.001;
 

@@ -30,7 +30,7 @@ const RATIO: [&str; 5] = [
     "mean |ln a - ln b| (from 0.001 up)",
     "shadow IoU (below 0.98)",
 ];
-/// Builds the report from the rows of colours and of data.
+/// Builds the report from the rows of the two tables.
 pub(super) fn report(p: &Compare, colour: Vec<Vec<Cell>>, ratio: Vec<Vec<Cell>>) -> Report {
     let space = match p.space {
         Space::Display if p.quantise => "display values, 8 bits",
@@ -69,7 +69,7 @@ fn number(value: Option<f64>) -> Cell {
     }
 }
 
-/// A row without values.
+/// Cells of a row whose values are all unknown.
 pub(super) fn unknown(names: [&str; 3], colour: bool) -> Vec<Cell> {
     let mut cells: Vec<Cell> = names.iter().map(|name| Cell::Text((*name).to_owned())).collect();
     cells.resize(COMMON.len() + if colour { COLOUR.len() } else { RATIO.len() }, Cell::Missing);

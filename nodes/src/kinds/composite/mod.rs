@@ -47,7 +47,8 @@ engine::inputs! {
         background: Arc<Images>,
         /// The objects, linear, premultiplied, with alpha.
         object: Arc<Images>,
-        /// Factor applied to each channel of the background; without it there is no shadow.
+        /// Factor by which each channel of the background is multiplied. If this input is not wired, there is no
+        /// shadow.
         shadow: Option<Arc<Images>>,
         /// Light that the objects add to the background (negative where they remove it), from `shadow-ratio`.
         added: Option<Arc<Images>>,
@@ -206,7 +207,7 @@ impl Kind for Composite {
             };
             if let Some((_, _, channels)) = variance.map(Picture::size).filter(|size| size.2 != 4) {
                 let error =
-                    NodeError::new(format!("`variance` has {channels} channels, not 4")).at("variance");
+                    NodeError::new(format!("`variance` has {channels} channels; it needs 4")).at("variance");
                 return Err(error.hint("wire the output `variance` of a `path-trace` node"));
             }
             let (mut shadow, mut added) = (data(&inputs.shadow, "shadow")?, data(&inputs.added, "added")?);
@@ -293,13 +294,13 @@ mod tests {
         assert_eq!(run(Some([0.0; 3]), rgb(b), [0.2, 0.3, 0.001, 1.0], s), [0.2, 0.3, 0.001]);
     }
 
-    /// Light without coverage is added as a glow.
+    /// An object pixel whose alpha is 0 adds its light to the background, as a glow does.
     #[test]
     fn glow_is_added() {
         assert_eq!(run(None, rgb([0.5; 3]), [0.25, 0.0, 0.0, 0.0], [1.0; 3]), [0.75, 0.5, 0.5]);
     }
 
-    /// The result for a premultiplied object is the same as by the formula for straight alpha.
+    /// A premultiplied object gives the same result as the formula for straight alpha.
     #[test]
     fn premultiplied_is_straight_times_alpha() {
         let (b, colour) = (0.4_f32, 0.7_f32);
@@ -311,7 +312,7 @@ mod tests {
         row(58, "difference of premultiplied and straight", error.fold(0.0, f64::max), 1e-6);
     }
 
-    /// Holes show the backdrop or stay transparent, and alpha is combined as by the "over" operator.
+    /// Holes show the backdrop or stay transparent, and the alpha of the result is given by the "over" operator.
     #[test]
     fn holes_show_the_backdrop_or_stay_open() {
         let half: Picture = Image::<Linear>::from_samples(1, 1, 4, vec![0.2, 0.2, 0.2, 0.5]).into();

@@ -15,8 +15,8 @@ use crate::types::{Image, Linear};
 const REACH: usize = 4;
 /// Minimum contrast of an edge, in display values.
 const CONTRAST: f32 = 0.12;
-/// Quantile of the blurs of all edges, from the smallest blur, that is taken as the blur of a background. Softer
-/// edges, such as the edges of penumbras and round shapes, are soft in the scene itself.
+/// Quantile, among the blurs of all edges, that is taken as the blur of a background. Softer edges, such as the
+/// edges of penumbras and round shapes, are soft in the scene itself.
 const SHARPEST: f64 = 0.1;
 /// Minimum number of edges for a measurement.
 const FEWEST: usize = 64;
@@ -97,14 +97,14 @@ fn surroundings(object: &Image<Linear>) -> Option<[usize; 4]> {
     ])
 }
 
-/// Blur, in pixels, that makes a render as soft as a background with the given blur. The variances of successive
-/// blurs add up.
+/// Blur, in pixels, to apply to a render so that it becomes as soft as a background with the given blur. The
+/// variances of successive blurs add up.
 pub(super) fn missing(background: f64) -> f64 {
     (background * background - RENDERED * RENDERED).max(0.0).sqrt().min(MOST)
 }
 
 /// Blurs an image by a Gaussian of `sigma` pixels, truncated at three sigma and normalised. The edge pixels are
-/// repeated outside the image. Premultiplied colours and alpha are blurred alike, so no colour bleeds.
+/// repeated outside the image. Premultiplied colours and alpha are blurred in the same way, so no colour bleeds.
 pub(super) fn blurred(image: &Image<Linear>, sigma: f64, cx: &Context) -> Result<Image<Linear>, NodeError> {
     let reach = (3.0 * sigma).ceil() as isize;
     let weight = |k: isize| num::f64::exp(-0.5 * (k * k) as f64 / (sigma * sigma));

@@ -336,7 +336,7 @@ fn sky_dome(lit: &Lit<'_>, radius: f64, to: &mut Vec<Splat>) {
     }
 }
 
-/// A faint splat in the air. `None` if it would be visible to the camera within a few metres.
+/// A faint splat in the air. `None` if its position is near the camera and in the camera's view.
 fn floater(lit: &Lit<'_>, layout: &Layout, view: &View, i: u64) -> Option<Splat> {
     let random = |d: u64| unit(lit.seed, 0x666c, i, d);
     let [low, high] = layout.bounds;

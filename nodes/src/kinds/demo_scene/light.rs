@@ -47,7 +47,7 @@ pub(super) struct Sky {
     pub ground: Rgb,
     /// Unit direction to the sun.
     pub sun: DVec3,
-    /// Irradiance of a plane that faces the sun.
+    /// Irradiance on a plane that faces the sun.
     pub sun_irradiance: Rgb,
     /// Sine of the angular radius of the sun.
     pub sun_sine: f64,
@@ -185,7 +185,7 @@ impl<'a> Lit<'a> {
         sum
     }
 
-    /// Irradiance from other surfaces.
+    /// Irradiance at a point from light that other surfaces reflect.
     pub(super) fn indirect(&self, p: DVec3, n: DVec3) -> Rgb {
         self.cache.at(p, n, |point| point.indirect)
     }
@@ -229,7 +229,7 @@ impl<'a> Lit<'a> {
         add(quad.paint.glow(), times(albedo, light), 1.0 / PI)
     }
 
-    /// Irradiance of a surface point seen along `toward`. Thin sheets transmit light.
+    /// Irradiance at a surface point that is seen along `toward`. Thin sheets also receive light from behind.
     pub(super) fn received(
         &self,
         quad: &Quad,

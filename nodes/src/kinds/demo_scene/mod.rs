@@ -50,9 +50,9 @@ engine::params! {
         place: Setting = Setting::Room, other("Courtyard");
         /// Approximate number of splats; they are smaller where the camera of `rig` looks closely.
         splats: u32 = 260000, range(2000, 4000000), other("5000");
-        /// Width of the picture of the camera in `rig`.
+        /// Image width of the camera in `rig`.
         width_px: u32 = 960, range(16, 8192), unit("px"), other("320");
-        /// Height of the picture of the camera in `rig`.
+        /// Image height of the camera in `rig`.
         height_px: u32 = 540, range(16, 8192), unit("px"), other("200");
         /// Width of the true environment; its height is half of it.
         truth_width_px: u32 = 512, range(16, 4096), unit("px"), other("64");
@@ -69,7 +69,7 @@ engine::inputs! {
 engine::outputs! {
     /// Outputs of `demo-scene`.
     pub struct Out {
-        /// The captured place.
+        /// The place, captured as splats.
         splats: Arc<Splats>,
         /// A closed mesh of the place, accurate to about 5 mm, with the captured colours at its vertices.
         proxy: Arc<Mesh>,
@@ -119,7 +119,7 @@ impl View {
         Self { eye: layout.eye, right, down: forward.cross(right), forward, focal, width, height }
     }
 
-    /// Distance of a point from the camera. `None` unless the point lies in or near the frame of the picture.
+    /// Distance from the camera to a point. `None` unless the point lies in or near the frame of the picture.
     fn distance(&self, p: DVec3) -> Option<f64> {
         let way = p - self.eye;
         let depth = way.dot(self.forward);
@@ -129,8 +129,8 @@ impl View {
         inside.then(|| way.length())
     }
 
-    /// Maximum size of a patch of a surface, in metres, so that it appears at most `pixels` large in the picture.
-    /// Patches on back sides and outside the frame may be larger.
+    /// Maximum size of a patch of a surface, in metres, such that the patch appears at most `pixels` large in the
+    /// picture. Patches on back sides and outside the frame may be larger.
     fn patch_size(&self, p: DVec3, n: DVec3, size: f64, pixels: f64) -> f64 {
         let way = self.eye - p;
         let close = pixels / self.focal;

@@ -1,5 +1,5 @@
-//! The object to insert: a glazed vase, a brass ball and a clay ball on a wooden plinth. Coordinates are those of
-//! glTF: y up, in metres, with the foot of the object at the origin.
+//! The object to insert: a glazed vase, a brass ball and a clay ball on a wooden plinth. Coordinates follow glTF: y
+//! is up, the unit is the metre, and the foot of the object is at the origin.
 
 use std::f64::consts::PI;
 

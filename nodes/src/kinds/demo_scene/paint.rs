@@ -41,7 +41,7 @@ pub(super) enum Paint {
     Water,
 }
 
-/// Mirror-like reflection at a coat.
+/// Mirror-like reflection by a coating.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Gloss {
     /// Reflectance at normal incidence.

@@ -19,9 +19,10 @@ pub(super) struct Quad {
     pub uv: [[f64; 2]; 4],
     /// Material of the quad.
     pub paint: Paint,
-    /// Index of its closed solid in the proxy; `None` keeps it out of the proxy.
+    /// Index of the closed solid of the proxy to which the quad belongs. `None` if the quad is not part of the
+    /// proxy.
     pub solid: Option<u32>,
-    /// True if the proxy may divide it into smaller quads.
+    /// True if the proxy may divide the quad into smaller quads.
     pub divide: bool,
 }
 
@@ -81,8 +82,8 @@ pub(super) struct Shapes {
     solids: u32,
 }
 
-/// Axes u and v of each face of a box, chosen so that u x v points outwards, and the side of the box on which
-/// the face lies.
+/// For each face of a box: its axes u and v, for which u x v points outwards, and the direction from the centre of
+/// the box to the face.
 const FACES: [([f64; 3], [f64; 3], [f64; 3]); 6] = [
     ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]),
     ([0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]),
@@ -98,7 +99,7 @@ impl Shapes {
         self.solids
     }
 
-    /// Adds a flat parallelogram with corner `p` and sides `u` and `v`. Its front is where u x v points.
+    /// Adds a flat parallelogram with corner `p` and sides `u` and `v`. Its front faces in the direction u x v.
     pub(super) fn flat(&mut self, p: DVec3, u: DVec3, v: DVec3, paint: Paint, solid: Option<u32>) {
         let n = u.cross(v).normalize_or(DVec3::Z);
         let (lu, lv) = (u.length(), v.length());

@@ -10,7 +10,7 @@ fn make(params: &DemoScene, seed: u64, up: Up, metres_per_unit: f64) -> Out {
     DemoScene::run(params, In {}, &cx).expect("runs").0
 }
 
-/// Number of edges that are used more often in one direction than in the other. It is 0 for a closed mesh.
+/// Number of edges that triangles do not use equally often in both directions. It is 0 for a closed mesh.
 fn open_edges(mesh: &Mesh) -> usize {
     let mut edges = std::collections::BTreeMap::new();
     for [a, b, c] in &mesh.triangles {

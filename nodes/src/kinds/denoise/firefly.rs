@@ -1,9 +1,9 @@
 //! Fireflies: single pixels lit by one improbable path.
 //!
 //! A path that reaches a sun by way of an object may give a pixel many times the light of its surroundings. Such
-//! paths are rare: of hundreds of pixels, one receives the light that should be spread over all of them. Averaging
-//! over the surrounding pixels does not dilute this light enough. It would leave a bright patch in a thin shadow,
-//! and the large variance of the pixel would make everything near it appear similar.
+//! paths are rare: one pixel among hundreds receives the light that should be spread over all of these pixels.
+//! Averaging over the surrounding pixels does not dilute this light enough. It would leave a bright patch in a thin
+//! shadow, and the large variance of the pixel would make everything near it appear similar.
 
 use super::means::Field;
 

@@ -1,10 +1,10 @@
 //! Non-local means: every pixel becomes the mean of nearby pixels whose surroundings look the same within their
 //! known noise.
 //!
-//! The distance of two pixels is the mean squared difference of the patches around them, in units of the variance
-//! of each sample, minus the difference expected from noise alone (Rousselle, Knaus and Zwicker 2012, Adaptive
-//! rendering with non-local means filtering, section 4). So an edge stronger than the noise is kept, and the filter
-//! has less effect as more samples reduce the noise.
+//! The distance between two pixels is the mean squared difference of the patches around them, in units of the
+//! variance of each sample, minus the difference expected from noise alone (Rousselle, Knaus and Zwicker 2012,
+//! Adaptive rendering with non-local means filtering, section 4). So an edge stronger than the noise is kept, and
+//! the filter has less effect as more samples reduce the noise.
 
 use std::ops::Range;
 
@@ -24,11 +24,11 @@ const LANES: usize = 8;
 const SIDE: usize = (TILE + 2 * PATCH).next_multiple_of(LANES);
 /// Number that is added to variances before a division, so that none is 0. It is negligible for signals near 1.
 const FLOOR: f32 = 1e-8;
-/// Relative distance in depth of a pixel from the plane of another pixel beyond which the two pixels belong to
-/// different surfaces.
+/// Maximum relative difference in depth between a pixel and the plane of another pixel for both to belong to the
+/// same surface.
 const OFF: f32 = 0.05;
-/// Ratio of the variance of a pixel to the mean variance around another pixel beyond which the weight of the pair
-/// is reduced.
+/// Maximum ratio of the variance of a pixel to the mean variance around another pixel. Above this ratio, the weight
+/// of the pair is reduced.
 const LESS_SURE: f32 = 16.0;
 /// Largest value that is summed without being scaled down, so that sums do not overflow. The weights add up to less
 /// than 2^12.
@@ -44,8 +44,8 @@ pub struct Pixel {
     /// Variance of each channel of the signal, the same for all three. A pixel with variance 0 stays
     /// unchanged.
     pub variance: f32,
-    /// Reciprocal of the variance, and the largest variance with which the pixel is averaged at full weight.
-    /// Set by [`Field::find_doubts`].
+    /// Reciprocal of the variance, and the largest variance that another pixel can have to be averaged with this
+    /// pixel at full weight. Set by [`Field::find_doubts`].
     pub doubt: [f32; 2],
     /// Values that are averaged.
     pub values: [f32; VALUES],
@@ -232,8 +232,8 @@ const NEARNESS: usize = 9;
 const LEVEL: usize = 12;
 /// Index of the first of the planes of the values to average.
 const AVERAGED: usize = 13;
-/// Index of the last two planes: the reciprocal of the variance, and the largest variance that is averaged at full
-/// weight. They exist only if weights are reduced by variance.
+/// Index of the last two planes: the reciprocal of the variance, and the largest variance that another pixel can
+/// have to be averaged at full weight. They exist only if weights are reduced by variance.
 const DOUBT: usize = AVERAGED + VALUES;
 
 /// A tile and its surroundings, one plane per number of a pixel, so that rows can be processed in vector
@@ -301,7 +301,7 @@ impl Tile {
         Self { rim, stride, size, planes, doubts: field.doubts }
     }
 
-    /// Part of a row of a plane.
+    /// The `N` values of a plane that begin at `start`.
     #[inline(always)]
     fn row<const N: usize>(&self, plane: usize, start: usize) -> &[f32; N] {
         self.planes[plane * self.size + start..].first_chunk().expect("a tile lies within its planes")
@@ -318,7 +318,7 @@ impl Tile {
         self.row::<1>(THERE, at)[0] > 0.0 && self.row::<1>(VARIANCE, at)[0] > 0.0
     }
 
-    /// The rows of the tile from the first to the last with a pixel that is averaged.
+    /// Range of the rows of the tile from the first to the last row that has a pixel to average.
     fn noisy_rows(&self) -> Range<usize> {
         let noisy = |y: &usize| (0..TILE).any(|x| self.noisy(x, *y));
         let first = (0..TILE).find(noisy).unwrap_or(TILE);

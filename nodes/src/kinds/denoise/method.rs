@@ -21,8 +21,8 @@ impl Method {
         self.sources().map(|_| ())
     }
 
-    /// Source files of the method. For `Oidn` this is the library file, which identifies the version of the
-    /// library.
+    /// Source files of the method. For `Oidn`, the only source file is the library, whose content identifies its
+    /// version.
     pub(super) fn sources(self) -> Result<Vec<SourceFile>, NodeError> {
         match self {
             Self::Means => Ok(Vec::new()),

@@ -44,9 +44,9 @@ engine::params! {
 engine::inputs! {
     /// Outputs of one `path-trace` node.
     pub struct In {
-        /// The receiver without the objects (R0).
+        /// Render of the receiver without the objects (R0).
         without: Arc<Images>,
-        /// The receiver with the objects (R1).
+        /// Render of the receiver with the objects (R1).
         with: Arc<Images>,
         /// The objects, premultiplied.
         object: Arc<Images>,
@@ -54,7 +54,7 @@ engine::inputs! {
         depth: Arc<Images>,
         /// Normal of the visible surface.
         normal: Arc<Images>,
-        /// Variance of the other layers and, in the last channel, of the ratio.
+        /// Variance of the other layers. The last channel is the variance of the ratio.
         variance: Arc<Images>,
     }
 }
@@ -71,12 +71,13 @@ engine::outputs! {
 }
 
 /// Factors of `strength` for the ratio and the object, in standard deviations: the best of several values for the
-/// case in `docs/evidence/bench.md`. The error is nearly constant within a factor of 1.5 of them.
+/// case in `docs/evidence/bench.md`. The error hardly changes if these factors are changed by up to a factor of
+/// 1.5.
 const STRENGTHS: [f64; 2] = [0.7, 0.5];
 /// Allowed differences of normals for the ratio and the object, as 1 - cosine. The receiver's mesh is rough and its
 /// normals affect only the ratio; the normals of the object affect the shading that is filtered.
 const BENDS: [f32; 2] = [0.5, 0.05];
-/// Number by which the search radius is divided for objects. Their textures and highlights need a smaller radius.
+/// Divisor of the search radius for objects. Their textures and highlights need a smaller radius.
 const OBJECT_RADIUS: usize = 2;
 impl Denoise {
     fn reach(&self, layer: usize) -> Reach {
@@ -131,7 +132,7 @@ impl Denoise {
     }
 }
 
-/// A guide layer with the given number of channels.
+/// Returns a guide layer, and checks that it has the given number of channels.
 fn guide<'a>(
     images: &'a Images,
     port: &'static str,
@@ -143,7 +144,7 @@ fn guide<'a>(
     if picture.size().2 == channels {
         return Ok(picture);
     }
-    let what = format!("`{port}` has {} channels, not {channels}", picture.size().2);
+    let what = format!("`{port}` has {} channels; it needs {channels}", picture.size().2);
     Err(NodeError::new(what)
         .at(port)
         .hint("wire every input to the output of the same name of a single `path-trace` node"))

@@ -14,8 +14,8 @@ fn truth(x: usize) -> f32 {
     1.0 - 0.5 * ((x as f32 - 20.0) / 8.0).clamp(0.0, 1.0)
 }
 
-/// Output of a path tracer that uses the same random numbers for R0 and R1. In R1, each sample keeps all of its
-/// light or 0.3 of it.
+/// Output of a path tracer that uses the same random numbers for R0 and R1. In R1, each sample keeps either all of
+/// its light or the fraction 0.3 of it.
 fn noisy(seed: u32) -> In {
     let [mut without, mut with] = [3, 3].map(|c| Image::<Linear>::new(SIZE, SIZE, c));
     let mut object = Image::<Linear>::new(SIZE, SIZE, 4);

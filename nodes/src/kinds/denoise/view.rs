@@ -25,7 +25,7 @@ pub(super) struct View<'a> {
 
 impl View<'_> {
     /// Builds a field whose normals and nearness come from the guide layers. `fill` sets the other data of a pixel;
-    /// it gets the index of the pixel and the alpha of the object there.
+    /// its arguments are the index of the pixel, the alpha of the object there, and the pixel to fill.
     fn field(&self, fill: impl Fn(usize, f32, &mut Pixel)) -> Field {
         let (width, height) = (self.without.width, self.without.height);
         let pixel = |i: usize| {

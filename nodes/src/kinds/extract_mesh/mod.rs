@@ -45,7 +45,8 @@ engine::params! {
         /// Maximum root-mean-square error from merging triangles. In a room, a value of 0.05 removes 30 of 31
         /// triangles, and moves the surfaces by less than their noise.
         error_cells: f64 = 0.05, range(0.0, 10.0), unit("cells"), other("0.0");
-        /// Minimum area of a separate piece of the mesh, as the side of a square. Smaller pieces are removed.
+        /// Minimum area of a separate piece of the mesh, given as the side of a square of the same area. Smaller
+        /// pieces are removed.
         least_piece_metres: f64 = 0.15, range(0.0, 100.0), unit("m"), other("5.0");
     }
 }

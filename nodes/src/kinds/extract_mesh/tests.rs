@@ -108,7 +108,7 @@ fn corners(mesh: &Mesh) -> Vec<[Vec3; 3]> {
     mesh.triangles.iter().map(|t| t.map(|i| Vec3::from(mesh.positions[i as usize]))).collect()
 }
 
-/// Points distributed over a mesh: one per four square centimetres, and at least one per triangle.
+/// Points distributed over a mesh: about one point per 4 square centimetres, and at least one per triangle.
 fn points(mesh: &Mesh) -> Vec<Vec3> {
     let mut points = Vec::new();
     for [a, b, c] in corners(mesh) {

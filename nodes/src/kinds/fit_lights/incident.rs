@@ -14,7 +14,7 @@ use crate::types::Environment;
 const DIRECTIONS: usize = 384;
 /// Number of points per tile.
 const TILE: usize = 128;
-/// Brightness from which environment texels count as clipped in the panorama.
+/// Minimum brightness of the environment texels that count as clipped in the panorama.
 pub(super) const WHITE: f32 = 0.95;
 
 /// Irradiance at one point, split by its origin. Radiance is taken from the capture, so it includes all bounces.

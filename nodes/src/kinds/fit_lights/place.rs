@@ -5,7 +5,7 @@ use glam::{DVec3, Vec3};
 use crate::geometry::bvh::{Bvh, Hit, Ray};
 use crate::types::Mesh;
 
-/// Channel value above which a colour is clipped, as for a window, a lamp, or a glint.
+/// Channel value above which a colour counts as clipped. Such colours belong to windows, lamps and glints.
 pub(super) const CLIPPED: f32 = 0.93;
 
 /// Offset of ray origins from a surface, as a fraction of the diagonal of the mesh, since splats lie slightly below
@@ -63,7 +63,7 @@ impl Place {
         self.bvh.closest(Ray::new(from.as_vec3(), direction.as_vec3()), |_| true)
     }
 
-    /// Distance to the first surface from a local point.
+    /// Distance from a local point to the first surface in a direction.
     pub fn distance(&self, from: DVec3, direction: DVec3) -> f64 {
         self.hit(from, direction).map_or(f64::INFINITY, |hit| f64::from(hit.t))
     }

@@ -13,9 +13,9 @@ use crate::types::Environment;
 /// Angular radius of the sun, in degrees.
 const RADIUS_DEG: f64 = 0.27;
 
-/// Returns the environment with the sun. The clipped region around the sun keeps the fitted glow in place of
-/// the light that was predicted for it, and the texels of the sun's disc (at least one) share its irradiance.
-/// All other texels stay the same bit for bit.
+/// Returns the environment with the sun. The clipped region around the sun keeps the fitted glow in place of the
+/// light that was predicted for it, and the irradiance of the sun is distributed over the texels of its disc (at
+/// least one texel). All other texels stay the same bit for bit.
 pub(super) fn with_sun(env: &Environment, sun: &Sun) -> Environment {
     let mut lit = env.clone();
     let (width, height) = (env.image.width, env.image.height);

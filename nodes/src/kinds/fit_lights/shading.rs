@@ -46,9 +46,9 @@ struct Surface {
 
 impl Shading {
     /// Samples `count` points on the splats, or on the mesh if there are no splats. Only points visible from the
-    /// point of capture are taken. Points near the point of capture are taken more often, since they matter more
-    /// for an object there. Points are taken at equal steps of the cumulative weight, so equal inputs give equal
-    /// points.
+    /// point of capture are taken. The density of points is higher near the point of capture, since surfaces there
+    /// matter more for an object at that point. Points are taken at equal steps of the cumulative weight, so equal
+    /// inputs give equal points.
     pub fn sample(
         place: &Place,
         splats: Option<&Splats>,

@@ -45,10 +45,10 @@ const MANY: [f64; 8] = [0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0];
 pub(super) struct Sun {
     /// Unit direction to the sun.
     pub direction: DVec3,
-    /// Linear irradiance of a surface that faces the sun.
+    /// Linear irradiance on a surface that faces the sun.
     pub irradiance: [f64; 3],
     /// Standard error of the irradiance, in stops, from four disjoint sets of pairs. Errors that all sets share,
-    /// such as those of the mesh, are not included.
+    /// such as errors of the mesh, are not included.
     pub error_stops: f64,
     /// Radiance of clipped sky without the sun, relative to its displayed value.
     pub glow: f64,
@@ -83,7 +83,9 @@ impl Verdict {
             Self::NothingToCompare => {
                 "nothing above the horizon is clipped, or too few surface points can be compared"
             }
-            Self::Unexplained => "no direction of a sun explains the colours of the place better than no sun",
+            Self::Unexplained => {
+                "no direction of a sun explains the colours of the place better than light without a sun"
+            }
             Self::Ambiguous => "several directions explain the colours of the place about equally well",
             Self::Hidden => "the sun found from the shadows does not light the point of capture",
         }

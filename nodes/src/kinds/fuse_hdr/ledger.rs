@@ -12,7 +12,7 @@ use crate::math::equirect::{axes, direction, pixel_solid_angle};
 use crate::math::num;
 use crate::types::{Cell, Report, Table};
 
-/// Number of lights listed individually; the others are summed in a last row.
+/// Number of lights that are listed individually. All other lights are summed in the last row.
 pub(super) const LISTED: usize = 32;
 /// Maximum share of the predicted light that may be left out, and of all light that may be removed, without a
 /// warning.
@@ -86,7 +86,7 @@ impl Lights {
         let all: f64 = (0..pixels.rgb.len()).map(own).sum();
         if lost > UNUSED * all {
             let text = format!(
-                "the exposures are darker than the panorama in {} pixels above `threshold`, which removes {:.1} % of its power; `blend: Ramp` removes none",
+                "the exposures are darker than the panorama in {} pixels above `threshold`, which removes {:.1} % of the panorama's power; `blend: Ramp` removes no light",
                 self.darker.len(),
                 100.0 * lost / all
             );
@@ -119,7 +119,9 @@ impl Lights {
             let without = match pixels.rgb.iter().zip(log2_gain).filter(clipped).count() {
                 0 => String::new(),
                 _ if !pixels.ceiling => String::new(),
-                n => format!("; {n} clipped pixels get none: was the prediction made for `base`?"),
+                n => format!(
+                    "; {n} clipped pixels get no light; check that the prediction was made for `base`"
+                ),
             };
             notes.warning(
                 "prediction-unused",
@@ -158,7 +160,7 @@ impl Lights {
         }
         if short > 0 {
             let text = format!(
-                "{short} lights are barely clipped and get less light than predicted; a lower `threshold` gives them all of it"
+                "{short} lights are barely clipped and get less light than predicted; a lower `threshold` gives them all of the predicted light"
             );
             notes.warning("flux-held-back", text);
         }
@@ -209,7 +211,7 @@ impl Lights {
         Report { title: "Recovered light".to_owned(), tables: vec![emitters, energy, steps] }
     }
 
-    /// Total energy after a step. Pixels in no group are unchanged.
+    /// Total energy after a step. Pixels that belong to no group have the light of the panorama.
     fn energy(&self, step: usize, up: Up, pixels: &LinearPixels) -> Energy {
         let mut luminance: Vec<f64> = (0..pixels.rgb.len()).map(|at| luminance_of(pixels, at)).collect();
         for (members, values) in self.groups().zip(&self.steps[step].1) {
@@ -283,9 +285,9 @@ impl Lights {
 struct Light {
     direction: DVec3,
     solid_angle: f64,
-    /// Irradiance of a plane facing the light, after each step.
+    /// Irradiance on a plane that faces the light, after each step.
     irradiance: Vec<f64>,
-    /// Luminance times solid angle, after each step.
+    /// Luminance integrated over solid angle, after each step.
     power: Vec<f64>,
     peak: f64,
     /// Flux from each source. The last source is the base.
@@ -295,7 +297,7 @@ struct Light {
 }
 
 impl Light {
-    /// Irradiance of a plane that faces the light, before fusion.
+    /// Irradiance on a plane that faces the light, before fusion.
     fn before(&self) -> f64 {
         self.irradiance.first().copied().unwrap_or(0.0)
     }
@@ -321,7 +323,7 @@ impl Light {
     }
 }
 
-/// Table of the total power and of the irradiance of the ground, before and after fusion.
+/// Table of the total power and of the irradiance on the ground, before and after fusion.
 fn energy(whole: &[Energy], lights: usize, unlisted: &[Light]) -> Table {
     let row = |name: &str, energy: Option<&Energy>, count: Cell| {
         let Energy { power, ground, peak } = energy.copied().unwrap_or_default();

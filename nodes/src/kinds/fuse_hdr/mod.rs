@@ -21,10 +21,10 @@ use self::sky::Balance;
 engine::choices! {
     /// Transition from the light of the panorama to the predicted light.
     pub enum Blend {
-        /// Gradual, as the brightest channel rises from the threshold to 1. A prediction can only make a
-        /// pixel brighter.
+        /// Gradual, while the brightest channel rises from the threshold to 1. A prediction can only make a pixel
+        /// brighter.
         Ramp,
-        /// Immediate where luminance exceeds the threshold, as in the equation of the paper.
+        /// Immediate where luminance exceeds the threshold, as in the paper's equation.
         Hard,
     }
 }
@@ -34,7 +34,8 @@ engine::choices! {
     pub enum Gain {
         /// The gain map in floats; it has no upper limit.
         Direct,
-        /// The exposures, as in the paper; light is limited by the white level of the darkest exposure.
+        /// The list of exposures, as in the paper. The recovered light is limited by the white level of the darkest
+        /// exposure.
         Brackets,
     }
 }
@@ -102,7 +103,7 @@ engine::outputs! {
     }
 }
 
-/// Linear light from which a derived exposure counts as white, with a margin for the rounding of the transfer
+/// Minimum linear value at which a derived exposure counts as white, with a margin for the rounding of the transfer
 /// curve.
 const WHITE: f32 = 0.999;
 
@@ -276,8 +277,9 @@ fn direct(pixels: &LinearPixels, brackets: &Brackets, at: usize) -> Fused {
     Fused { luminance: held * num::f64::exp2(gain), source: 0, saturated: false }
 }
 
-/// Fuses one pixel, from the darkest exposure upwards, as in the paper's section on HDR construction. The second
-/// result is the luminance according to the gain map or the exposures, before it is blended with the panorama.
+/// Fuses one pixel, beginning with the darkest exposure, as described in the paper's section on HDR construction.
+/// The second result is the luminance according to the gain map or the exposures, before it is blended with the
+/// panorama.
 fn fuse(params: &FuseHdr, pixels: &LinearPixels, brackets: &Brackets, at: usize) -> (Fused, f64) {
     let base = pixels.rgb[at];
     let n = brackets.evs.len();
@@ -355,8 +357,8 @@ fn merge(params: &FuseHdr, darker: Fused, brighter: [f32; 3], own: Fused, measur
     }
 }
 
-/// The base colour scaled to the fused luminance: HDR = E'_N / L_N * I_N. Where fusion changed nothing the colour
-/// is returned unchanged, so that black stays black and nothing is rounded.
+/// The colour of the base, scaled to the fused luminance: HDR = E'_N / L_N * I_N. Where fusion changed nothing the
+/// colour is returned unchanged, so that black stays black and nothing is rounded.
 fn apply(rgb: [f32; 3], fused: f64) -> [f32; 3] {
     let own = f64::from(luminance(rgb));
     if fused == own {

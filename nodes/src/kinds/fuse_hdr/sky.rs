@@ -29,12 +29,12 @@ const GROUND_ALPHA: f32 = 0.5;
 /// measured.
 const LEAST_GROUND: f64 = 0.05;
 
-/// Light that a level ground reflects and receives, as luminance. Irradiance is for a plane that faces up, as in
-/// the report.
+/// Light that a level ground reflects and receives, as luminance. Irradiance is measured on a plane that faces up,
+/// as in the report.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Balance {
-    /// Mean radiance of the visible ground, weighted by solid angle times the cosine to straight down, as for a
-    /// plane above the ground that faces it. `None` if too little was seen.
+    /// Mean radiance of the visible ground, weighted by solid angle and by the cosine of the angle to straight
+    /// down. These are the weights for a plane above the ground that faces down. `None` if too little was seen.
     ground: Option<f64>,
     /// Irradiance from the upper half.
     light: f64,
@@ -128,13 +128,13 @@ impl Balance {
         let radiance = ((wanted - self.seen) / self.open).max(0.0);
         if radiance == 0.0 {
             let text = format!(
-                "the visible light gives the ground an irradiance of {:.4}, and an albedo of {albedo} needs only {wanted:.4}, so the unseen {percent:.1} % of the upper half stays black; a lower `ground_albedo` makes it a sky",
+                "the visible light gives the ground an irradiance of {:.4}, and an albedo of {albedo} needs only {wanted:.4}, so the unseen {percent:.1} % of the upper half stays black; a lower `ground_albedo` would make it a sky",
                 self.seen
             );
             notes.warning("sky-black", text);
         } else {
             let text = format!(
-                "the unseen {percent:.1} % of the upper half became a white sky of radiance {radiance:.4}, which gives the ground (radiance {ground:.4}) an albedo of {albedo}; its irradiance is {:.4} with this sky and {:.4} without",
+                "the unseen {percent:.1} % of the upper half became a white sky of radiance {radiance:.4}, which gives the ground (radiance {ground:.4}) an albedo of {albedo}; the irradiance on the ground is {:.4} with this sky and {:.4} without it",
                 self.seen + radiance * self.open,
                 self.light
             );

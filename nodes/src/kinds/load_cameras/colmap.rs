@@ -100,8 +100,8 @@ fn camera(
     })
 }
 
-/// Sorts cameras by name, as the INRIA code and most other readers do, so that picking every eighth camera picks
-/// the same cameras as in those programs.
+/// Sorts cameras by name, as the INRIA code and most other programs do. Every eighth camera is then the same camera
+/// as in those programs.
 fn sorted(mut cameras: Vec<Raw>) -> Vec<Raw> {
     cameras.sort_by(|a, b| a.picture.cmp(&b.picture));
     cameras
@@ -146,7 +146,7 @@ pub fn text(file: &str, cameras: &[u8], images: &[u8]) -> Result<Vec<Raw>, Error
     Ok(sorted(found))
 }
 
-/// The first `N` words of a line, and the rest. `None` if the rest is empty.
+/// Splits a line into its first `N` words and the remaining text. `None` if no text remains.
 fn first_words<const N: usize>(line: &str) -> Option<([&str; N], &str)> {
     let mut rest = line.trim();
     let mut words = [""; N];

@@ -11,7 +11,7 @@ use crate::io::foreign::{json_text, refuse_foreign};
 /// Name of the file in the folder of a training run.
 pub const NAME: &str = "dataparser_transforms.json";
 
-/// A rotation and a translation, then a uniform scale.
+/// A rotation and a translation, followed by a uniform scale.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Dataparser {
     transform: DMat4,
@@ -66,7 +66,7 @@ impl Dataparser {
         Ok(own)
     }
 
-    /// Transforms a camera.
+    /// Transforms the pose of a camera.
     pub fn apply(&self, camera: &mut Raw) {
         let pose = self.transform * camera.world_from_camera;
         let eye = pose.w_axis.truncate() * self.scale;

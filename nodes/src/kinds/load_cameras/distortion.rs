@@ -1,12 +1,12 @@
-//! Lens distortion of camera models: bounds of the displacement of a point of the picture.
+//! Lens distortion of camera models, and upper bounds on how far it moves a point of the picture.
 
 /// Coefficients of the models of OpenCV and COLMAP, except fisheyes. In nerfstudio's polynomial `k4` belongs
 /// to the eighth power; this is covered too, since [`Coefficients::pixels`] takes the larger effect.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Coefficients {
-    /// Radial: k1 to k6.
+    /// Radial coefficients k1 to k6.
     pub k: [f64; 6],
-    /// Tangential: p1, p2.
+    /// Tangential coefficients p1 and p2.
     pub p: [f64; 2],
     /// `omega` of COLMAP's FOV model.
     pub omega: f64,
@@ -50,7 +50,7 @@ impl Coefficients {
 mod tests {
     use super::*;
 
-    /// The bound is never below the true displacement of OpenCV's model, nor far above it.
+    /// The bound is at least the true displacement of OpenCV's model, and not much larger.
     #[test]
     fn displacement_is_bounded() {
         let (size, lens) = ([640, 480], [500.0, 510.0, 320.0, 250.0]);

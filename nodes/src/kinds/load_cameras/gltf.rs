@@ -11,7 +11,7 @@ use crate::types::frame::world_from_gltf;
 
 /// Height of a picture in pixels, since glTF does not define it. It is multiplied by `resolution`.
 const HEIGHT_PX: u64 = 1080;
-/// Aspect ratio of cameras that do not define one: the default of Blender.
+/// Aspect ratio of cameras that do not define one. It is the default of Blender.
 const ASPECT: f64 = 16.0 / 9.0;
 
 /// Reads the perspective cameras of the scene, in the order of its nodes, and converts them from the frame of glTF

@@ -21,7 +21,7 @@ pub fn picture_path(path: &str) -> String {
     path.strip_prefix("./").map(str::to_owned).unwrap_or(path)
 }
 
-/// Paths of the pictures of those frames of a `transforms.json` that have no size; empty for any other file.
+/// Paths of the pictures of all frames without a size in a `transforms.json`; empty for any other file.
 pub fn pictures_without_size(bytes: &[u8]) -> Vec<String> {
     let Ok(json) = serde_json::from_slice::<Value>(json_text(bytes)) else { return Vec::new() };
     let sized =
@@ -30,7 +30,7 @@ pub fn pictures_without_size(bytes: &[u8]) -> Vec<String> {
     frames.filter(|f| !sized(f)).filter_map(|f| f["file_path"].as_str()).map(picture_path).collect()
 }
 
-/// Reads any of the formats, which are detected by content.
+/// Reads the cameras of a file in any of the formats. The format is detected by content.
 pub fn read(
     file: &str,
     bytes: &[u8],
@@ -114,7 +114,8 @@ fn matrix(v: &Value, key: &str, columns: usize) -> Result<[[f64; 4]; 3], String>
     Ok(rows)
 }
 
-/// Converts rows to a matrix. `flip` converts an OpenGL camera (y up, z backward) to an OpenCV camera.
+/// Converts the rows of a pose to a matrix. `flip` converts an OpenGL camera (y up, z backward) to an OpenCV
+/// camera.
 fn pose(rows: [[f64; 4]; 3], flip: bool) -> DMat4 {
     let s = if flip { -1.0 } else { 1.0 };
     let column = |c: usize, s: f64, w: f64| DVec4::new(rows[0][c] * s, rows[1][c] * s, rows[2][c] * s, w);
@@ -137,7 +138,7 @@ fn own(v: &Value) -> Result<Raw, String> {
     })
 }
 
-/// Returns the frame if it has one of these keys, and the top level of the file otherwise.
+/// Returns `frame` if it has one of `keys`, and otherwise the top level of the file.
 fn level<'a>(top: &'a Value, frame: &'a Value, keys: &[&str]) -> &'a Value {
     if keys.iter().any(|key| !frame[*key].is_null()) { frame } else { top }
 }
@@ -154,8 +155,8 @@ fn focal(holder: &Value, [length, radians, degrees]: [&str; 3], size: u64) -> Op
     holder[length].as_f64().or_else(|| angle().map(by_angle))
 }
 
-/// Reads a frame as described on nerfstudio's page on its data format. Values missing in a frame are taken
-/// from the top level of the file. A frame that defines its own lens, in any form, takes no lens values from
+/// Reads a frame as described on nerfstudio's page on its data format. Values missing in a frame are taken from the
+/// top level of the file. If a frame defines a focal length or a field of view, in any form, neither is taken from
 /// the top level.
 fn nerfstudio(top: &Value, frame: &Value, sizes: Sizes<'_>) -> Result<Raw, String> {
     let holder = |key: &str| level(top, frame, &[key]);

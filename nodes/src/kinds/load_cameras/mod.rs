@@ -58,7 +58,7 @@ engine::params! {
     /// pictures have the same name, their names include as many folders as are needed to distinguish them, for
     /// example `day1_IMG_0001`.
     pub struct LoadCameras {
-        /// The file, or the folder of a COLMAP model.
+        /// The cameras file, or the folder of a COLMAP model.
         path: InputFile, other("\"b.json\"");
         /// Cameras to load, in this order. An entry is the name or the path of a picture, with the wildcards `*`
         /// and `?`; a range of indices from 0, such as `2..5`, or `0..400..8` for every eighth camera; or a single
@@ -67,7 +67,7 @@ engine::params! {
         pick: Vec<Pick> = Vec::new(), other("[\"0..1\"]");
         /// Name of the list in lightharmony's own JSON format.
         list: String = "views".to_owned(), other("\"cube_faces\""), inert("only lightharmony's own JSON has lists");
-        /// Factor applied to width and height of the pictures.
+        /// Factor by which the width and height of the pictures are multiplied.
         resolution: f64 = 1.0, range(0.001, 64), other("0.5");
         /// Treatment of lens distortion.
         distortion: Distortion = Distortion::Refuse, other("Ignore"), inert("most files have no distortion");
@@ -87,7 +87,7 @@ engine::inputs! {
 engine::outputs! {
     /// Outputs of [`LoadCameras`].
     pub struct Out {
-        /// The cameras in the order of the file, or of `pick`.
+        /// The cameras in the order of the file, or in the order of `pick`.
         rig: Arc<Rig>,
     }
 }
@@ -99,7 +99,7 @@ struct Raw {
     picture: String,
     width: u64,
     height: u64,
-    /// fx, fy, cx, cy in pixels.
+    /// Focal lengths fx and fy, and principal point cx and cy, in pixels.
     lens: [f64; 4],
     /// Lens distortion, if the camera has any.
     distortion: Option<Bend>,
@@ -211,7 +211,7 @@ impl Kind for LoadCameras {
     }
 }
 
-/// A JSON file of cameras, and the pictures that must be read because the file does not contain their sizes.
+/// The JSON file, and the pictures that must be read because the file does not contain their sizes.
 fn with_pictures(file: SourceFile, root: &SourceRoot) -> Vec<SourceFile> {
     let read = || if file.path.is_file() { std::fs::read(&file.path).ok() } else { None };
     let names: BTreeSet<String> =
@@ -221,8 +221,8 @@ fn with_pictures(file: SourceFile, root: &SourceRoot) -> Vec<SourceFile> {
     files
 }
 
-/// File of the picture of a frame, relative to the cameras file. The extension may be left out, as in the synthetic
-/// scenes of NeRF.
+/// File of a picture whose path is relative to the cameras file. The path may lack the extension, as it does in the
+/// synthetic scenes of NeRF.
 fn existing(file: &SourceFile, picture: &str, root: &SourceRoot) -> Option<SourceFile> {
     ["", ".png", ".jpg", ".jpeg", ".JPG", ".PNG"]
         .iter()
@@ -273,7 +273,7 @@ fn candidates(path: &InputFile) -> Vec<Vec<InputFile>> {
     candidates
 }
 
-/// Files of the first candidate whose files all exist.
+/// The first element of [`candidates`] whose files all exist.
 fn files(path: &InputFile, root: &SourceRoot) -> Result<Vec<InputFile>, NodeError> {
     let there = |files: &Vec<InputFile>| files.iter().all(|file| root.file(file).path.is_file());
     candidates(path).into_iter().find(there).ok_or_else(|| unknown(path))
@@ -360,8 +360,8 @@ fn view_names(pictures: &[&str]) -> Vec<String> {
     names
 }
 
-/// Name of a picture without extension and with the given number of its folders. Characters that a path
-/// cannot contain are replaced.
+/// Name of a picture without its extension, preceded by the names of the `folders` innermost folders of its path.
+/// Characters that are not allowed in a view name are replaced.
 fn view_name(picture: &str, folders: usize) -> String {
     let mut parts: Vec<&str> = stem(picture).rsplit(['/', '\\']).take(folders + 1).collect();
     parts.reverse();
@@ -372,7 +372,7 @@ fn view_name(picture: &str, folders: usize) -> String {
 
 /// Checks a camera, and scales it to the requested resolution.
 fn finish(p: &LoadCameras, raw: &Raw, name: String, notes: &mut Notes) -> Result<Camera, NodeError> {
-    let bad = |what: String| NodeError::from(Error::format(&p.path.0, format!("camera `{name}`: {what}")));
+    let bad = |what: String| NodeError::from(Error::format(&p.path.0, format!("camera `{name}` {what}")));
     let seen = raw.distortion.as_ref().filter(|bend| bend.pixels.is_nan() || bend.pixels > INVISIBLE_PX);
     if let Some(Bend { text: distortion, .. }) = seen {
         match p.distortion {
@@ -392,7 +392,7 @@ fn finish(p: &LoadCameras, raw: &Raw, name: String, notes: &mut Notes) -> Result
     let [fx, fy, cx, cy] = raw.lens;
     if !raw.lens.iter().all(|v| v.is_finite()) || fx <= 0.0 || fy <= 0.0 {
         return Err(bad(format!(
-            "focal lengths {fx}, {fy} and principal point {cx}, {cy} are not valid for a camera"
+            "has focal lengths {fx}, {fy} and principal point {cx}, {cy}, which are not valid"
         )));
     }
     let size = |pixels: u64| {
@@ -400,7 +400,9 @@ fn finish(p: &LoadCameras, raw: &Raw, name: String, notes: &mut Notes) -> Result
         if pixels > 0 && (1.0..=65_536.0).contains(&scaled) {
             Ok(scaled as u32)
         } else {
-            Err(bad(format!("{pixels} pixels times `resolution` is not between 1 and 65536")))
+            Err(bad(format!(
+                "has a side of {pixels} pixels, which `resolution` scales to less than 1 or more than 65536"
+            )))
         }
     };
     let (width_px, height_px) = (size(raw.width)?, size(raw.height)?);
@@ -408,12 +410,12 @@ fn finish(p: &LoadCameras, raw: &Raw, name: String, notes: &mut Notes) -> Result
     let (sx, sy) = (f64::from(width_px) / raw.width as f64, f64::from(height_px) / raw.height as f64);
     let eye = raw.world_from_camera.w_axis.truncate();
     let turn = orthonormal(DMat3::from_mat4(raw.world_from_camera)).ok_or_else(|| {
-        bad("its matrix is not a rotation".to_owned()).hint("a scaled or mirrored pose cannot be used")
+        bad("has a matrix that is not a rotation".to_owned()).hint("a scaled or mirrored pose cannot be used")
     })?;
     let matrix = Similarity::of_parameter(p.matrix.as_ref())?;
     let (eye, turn) = (matrix.point(eye), matrix.rotation * turn);
     if !eye.is_finite() {
-        return Err(bad("its position is not finite".to_owned()));
+        return Err(bad("has a position that is not finite".to_owned()));
     }
     let world_from_camera = DMat4::from_cols(
         turn.x_axis.extend(0.0),
@@ -433,8 +435,8 @@ fn finish(p: &LoadCameras, raw: &Raw, name: String, notes: &mut Notes) -> Result
     })
 }
 
-/// Rotation nearest to a matrix that is a rotation except for rounding. Computed by Newton's iteration for
-/// the polar factor, which squares the error each time.
+/// The rotation nearest to a matrix that differs from a rotation only by rounding. It is computed by Newton's
+/// iteration for the polar factor, which squares the error in each step.
 fn orthonormal(mut m: DMat3) -> Option<DMat3> {
     let off = m.transpose() * m - DMat3::IDENTITY;
     // Files have at least 5 digits; a scale or a mirror image is far beyond this.

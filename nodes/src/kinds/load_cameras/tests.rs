@@ -40,8 +40,8 @@ const INRIA: &str = r#"[{"id": 0, "img_name": "a", "width": 40, "height": 30, "f
     "position": [1, 2, 3], "rotation": [[0, -1, 0], [1, 0, 0], [0, 0, 1]]}]"#;
 const CAMERAS: &str = "# id\n7 PINHOLE 40 30 50 51 20.5 14\n";
 
-/// Text of an `images.txt` with the same camera, as a transform from world to camera: a rotation by -90 degrees and
-/// the translation -R (1, 2, 3) = (-2, 1, -3).
+/// Text of an `images.txt` that describes the same camera by its transform from world to camera: a rotation R by
+/// -90 degrees and the translation -R (1, 2, 3) = (-2, 1, -3).
 fn images() -> String {
     let h = 0.5_f64.sqrt();
     format!("# id\n3 {h} 0 0 -{h} -2 1 -3 7 set/a.png\n1 2 -1 3 4 -1\n4 1 0 0 0 0 0 0 7 a b.png\n\n")
@@ -248,7 +248,8 @@ fn hostile_files_are_errors() {
     assert!(load(&[], &node("nowhere")).is_err());
 }
 
-/// A camera of Blender looks along -z with y up. Its node is rotated and scaled, and is a child of another node.
+/// A glTF camera looks along -z, with y up. The node of the camera is rotated and scaled, and is a child of another
+/// node.
 #[test]
 fn cameras_of_gltf_come_into_the_world_as_objects_do() {
     let json = r#"{"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}],
@@ -330,8 +331,8 @@ fn files_that_appear_while_it_runs_ask_for_another_run() {
     assert!(error.contains("changed while the graph was running"), "{error}");
 }
 
-/// File of nerfstudio or instant-ngp with one frame. `top` and `frame` are the keys of the file and of the frame
-/// that describe the lens.
+/// File of nerfstudio or instant-ngp with one frame. `top` and `frame` are the lens keys at the top level of the
+/// file and in the frame.
 fn frames(top: &str, frame: &str) -> String {
     format!(
         r#"{{{top}"frames": [{{"file_path": "images/a.png", {frame}
@@ -531,7 +532,7 @@ fn cameras_follow_the_data_parser() {
     assert!(notes.iter().all(|note| note.id != "dataparser-unused"));
 }
 
-/// Files with one to four changes give an error or cameras, and never panic.
+/// Files that are damaged at one to four places give cameras or an error, and never cause a panic.
 #[test]
 fn damaged_files_of_cameras_are_survived() {
     let path = r#"{"camera_type": "perspective", "render_height": 30, "render_width": 40, "camera_path": [

@@ -46,9 +46,9 @@ engine::params! {
     /// Loads a triangle mesh: PLY (ASCII or binary), glTF or GLB, Wavefront OBJ, or STL.
     ///
     /// The mesh represents the captured scene: it receives shadows and reflects light. Faces of more than three
-    /// corners are split into fans of triangles. Vertex colours become linear albedo; those of glTF are multiplied
-    /// by `baseColorFactor`, and a PLY file without vertex colours gets the colours of its faces. Unusable parts
-    /// (vertices that are not finite, faces without area) are dropped and counted.
+    /// corners are split into fans of triangles. Vertex colours become linear albedo. Vertex colours of glTF are
+    /// multiplied by `baseColorFactor`, and a PLY file without vertex colours gets the colours of its faces.
+    /// Unusable parts (vertices that are not finite, faces without area) are dropped and counted.
     pub struct LoadMesh {
         /// The file: `.ply`, `.glb`, `.gltf`, `.obj` or `.stl`.
         path: InputFile, other("\"b.ply\"");
@@ -84,7 +84,7 @@ struct RawMesh {
     tints: Vec<[f64; 3]>,
     triangles: Vec<[u32; 3]>,
     fanned: u64,
-    /// True if the file was written by trimesh, which stores display colours in glTF too.
+    /// True if the file was written by trimesh, which stores display colours even in glTF.
     by_trimesh: bool,
 }
 
@@ -211,7 +211,7 @@ fn from_gltf(p: &LoadMesh, bytes: &[u8], cx: &Context, notes: &mut Notes) -> Res
     if object.materials.iter().any(|m| m.base_colour_texture.is_some()) {
         notes.warning(
             "mesh-textures-ignored",
-            "a receiver takes its colours from vertices and `baseColorFactor`; its textures are left out",
+            "a receiver takes its colours from vertices and `baseColorFactor`; its textures are ignored",
         );
     }
     Ok(raw)
@@ -294,8 +294,8 @@ fn clean(name: &str, raw: RawMesh, srgb: bool, cx: &Context, notes: &mut Notes) 
     Ok(mesh)
 }
 
-/// True if a triangle has no area. Computed in f64, where products of differences of f32 values are exact enough
-/// that only collinear corners give 0.
+/// True if a triangle has no area. The test uses f64: products of differences of f32 values are then so exact that
+/// the result is 0 only for collinear corners.
 fn area_is_zero([a, b, c]: [DVec3; 3]) -> bool {
     (b - a).cross(c - a) == DVec3::ZERO
 }

@@ -49,8 +49,8 @@ pub(super) fn from_ply(
     Ok(raw)
 }
 
-/// Gives the corners of each triangle its colour. A vertex shared by triangles of several colours is duplicated for
-/// each colour.
+/// Gives the colour of each triangle to its corners. A vertex that triangles of several colours share is duplicated
+/// for each colour.
 fn colour_corners(raw: &mut RawMesh, of_triangles: &[[f64; 3]]) {
     let mut first: Vec<Option<[f64; 3]>> = vec![None; raw.positions.len()];
     let (mut others, mut more) = (HashMap::new(), Vec::new());
@@ -69,7 +69,7 @@ fn colour_corners(raw: &mut RawMesh, of_triangles: &[[f64; 3]]) {
     raw.colours = first.into_iter().map(|colour| colour.unwrap_or(WHITE)).chain(more).collect();
 }
 
-/// Indices of the colour properties of an element, and the factor that maps the largest value to 1.
+/// Indices of the colour properties of an element, and the factor that scales their largest possible value to 1.
 fn colours(element: &ply::Element) -> Option<([usize; 3], f64)> {
     let names = [["red", "green", "blue"], ["diffuse_red", "diffuse_green", "diffuse_blue"], ["r", "g", "b"]];
     let found = names.iter().find_map(|names| {

@@ -46,7 +46,7 @@ fn binary(big: bool) -> Vec<u8> {
     bytes
 }
 
-/// A triangle with this material, and optionally with vertex colours.
+/// A triangle with the given material, and optionally with vertex colours.
 fn triangle(material: &str, colours: Option<[f32; 3]>) -> Vec<u8> {
     let mut floats = vec![0.0_f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
     floats.extend(colours.iter().flat_map(|c| [*c; 3]).flatten());

@@ -14,7 +14,7 @@ use crate::light::energy_table::EnergyTable;
 use crate::light::linear::LinearPixels;
 use crate::types::{Panorama, Picture};
 
-/// Gain that one of the methods predicts for a panorama.
+/// Gain that the method predicts for a panorama.
 pub(super) struct Prediction {
     /// log2 of the gain of each pixel; 0 for pixels that are not clipped.
     pub log2_gain: Vec<f32>,
@@ -35,14 +35,14 @@ pub(super) struct Clipping<'a> {
     exhaustive: bool,
     /// White level of the panorama.
     ceiling: f64,
-    /// Networks, for the method `Learned`.
+    /// Networks of the method `Learned`.
     network: Option<network::Network>,
-    /// Photographs, for the method `Photographs`.
+    /// Photographs of the method `Photographs`.
     pub photographs: Option<Photographs>,
 }
 
 impl<'a> Clipping<'a> {
-    /// Finds the clipped pixels, and reports unusual properties of them.
+    /// Finds the clipped pixels, and adds notes about their unusual properties.
     pub fn find(
         params: &'a PredictExposure,
         pano: &'a Panorama,
@@ -70,7 +70,7 @@ impl<'a> Clipping<'a> {
         Ok(Self { params, pano, pixels, mask, clipped, exhaustive, ceiling, network, photographs })
     }
 
-    /// Method that is used: `Skip` if no pixel is clipped, unless the run is exhaustive.
+    /// Method that is used. It is `Skip` if no pixel is clipped, unless the run is exhaustive.
     pub fn method(&self) -> &Method {
         if self.clipped == 0 && !self.exhaustive { &Method::Skip } else { &self.params.method }
     }
@@ -80,7 +80,7 @@ impl<'a> Clipping<'a> {
         Clipped::new(self.pano.up, &self.pano.alpha.samples, (&self.pixels, &self.mask, self.ceiling))
     }
 
-    /// Predicts the gain of every pixel by the method.
+    /// Predicts the gain of every pixel by the method that is used.
     pub fn predict(
         &self,
         table: &mut EnergyTable,
@@ -99,7 +99,7 @@ impl<'a> Clipping<'a> {
         }
     }
 
-    /// Prediction without any gain.
+    /// Prediction in which no pixel has a gain.
     fn nothing(&self) -> Prediction {
         Prediction { log2_gain: vec![0.0; self.mask.len()], regions: Vec::new() }
     }
@@ -132,14 +132,14 @@ impl<'a> Clipping<'a> {
         Ok(Prediction { log2_gain: large.gathered(&log2_gain), regions })
     }
 
-    /// Gain measured by `Photographs`.
+    /// log2 gain of each pixel, measured from the photographs.
     fn by_photographs(&self, notes: &mut Notes, cx: &Context) -> Result<Vec<f32>, NodeError> {
         let taken = self.photographs.as_ref();
         let gain = taken.map(|taken| taken.gains((&self.pixels, &self.mask), notes, cx)).transpose()?;
         Ok(gain.unwrap_or_default())
     }
 
-    /// Prediction of `FluxKontext`.
+    /// log2 gain of each pixel, predicted by `FluxKontext`.
     fn by_diffusion(
         &self,
         table: &mut EnergyTable,

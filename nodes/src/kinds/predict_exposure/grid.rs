@@ -15,22 +15,22 @@ pub(super) struct Grid {
     pub width: usize,
     /// Rows, at most 128.
     pub height: usize,
-    /// Mean linear light of the visible pixels of each cell. If none of them is visible, the mean of its filled
-    /// pixels.
+    /// Mean linear light of the visible pixels of each cell. A cell without a visible pixel has the mean of its
+    /// filled pixels.
     pub rgb: Vec<[f64; 3]>,
     /// Mean linear light of the visible unclipped part of each cell; 0 if that part is empty.
     pub open_rgb: Vec<[f64; 3]>,
     /// Mean linear light of the visible clipped part of each cell; 0 if that part is empty.
     pub clipped_rgb: Vec<[f64; 3]>,
-    /// True if any pixel of the cell is clipped, so that a sun smaller than a cell is found.
+    /// For each cell, true if any of its pixels is clipped, so that a sun smaller than a cell is found.
     pub clipped: Vec<bool>,
     /// For each cell, the clipped fraction of its visible part, by solid angle.
     pub share: Vec<f64>,
-    /// True if any pixel of the cell is visible.
+    /// For each cell, true if any of its pixels is visible.
     pub seen: Vec<bool>,
     /// Index of the cell of each pixel.
     pub cell_of: Vec<u32>,
-    /// Column of pixels where the first cell begins, and the number of columns of pixels of the panorama.
+    /// Index of the pixel column at which the first cell begins, and the number of pixel columns of the panorama.
     pub start: (usize, usize),
 }
 
@@ -119,9 +119,9 @@ impl Grid {
     }
 }
 
-/// Column of pixels where the first cell begins. It is the edge at which the sequence of column sums, read in
-/// either direction, comes last in lexicographic order. So the cells lie at the same places of the scene if a
-/// panorama is rotated by any number of pixels, or mirrored.
+/// Index of the pixel column at which the first cell begins. It is the edge at which the sequence of column sums,
+/// read in either direction, comes last in lexicographic order. So the cells lie at the same places of the scene if
+/// a panorama is rotated by any number of pixels, or mirrored.
 fn first_column(pixels: &LinearPixels, alpha: &[f32]) -> usize {
     let width = pixels.width;
     let mut sums = vec![0.0_f64; width];

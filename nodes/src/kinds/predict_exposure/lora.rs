@@ -1,5 +1,5 @@
-//! Training of the LoRA that makes a panorama three stops darker, as in the paper: pairs of exposures made from HDR
-//! panoramas, one fixed prompt, and a frozen base model.
+//! Training of the LoRA that makes a panorama three stops darker. As in the paper, it is trained on pairs of
+//! exposures made from HDR panoramas, with one fixed prompt and a frozen base model.
 
 use std::path::{Path, PathBuf};
 
@@ -25,13 +25,13 @@ pub struct LoraPlan {
     pub vae: PathBuf,
     /// File of the encoded text prompt.
     pub prompt: PathBuf,
-    /// Rank of the updates, which is also their alpha.
+    /// Rank of the LoRA matrices. The LoRA parameter alpha has the same value.
     pub rank: usize,
     /// Learning rate: the largest change of a weight per step.
     pub rate: f64,
-    /// Seed of all random numbers.
+    /// Seed of the random number generator.
     pub seed: u64,
-    /// Total number of steps.
+    /// Total number of training steps.
     pub steps: u64,
     /// Width of the pictures, a multiple of 32.
     pub width: usize,
@@ -40,9 +40,9 @@ pub struct LoraPlan {
 /// Progress of a training run.
 #[derive(Debug, Clone, PartialEq)]
 pub enum LoraProgress {
-    /// Number of panoramas encoded, and the total.
+    /// Number of panoramas that have been encoded, and number of all panoramas.
     Pairs(usize, usize),
-    /// Number of steps done, the total, and the loss of the last step.
+    /// Number of steps that have been done, number of all steps, and loss of the last step.
     Step(u64, u64, f32),
 }
 

@@ -9,7 +9,7 @@ use crate::math::num;
 /// Largest gain of a light, in stops.
 const STOPS: f64 = 24.0;
 
-/// Checks the ranges of the lights.
+/// Checks that the numbers of each light are within their ranges.
 pub(super) fn check(emitters: &[[f64; 4]]) -> Result<(), NodeError> {
     for (i, &[azimuth, elevation, radius, stops]) in emitters.iter().enumerate() {
         let wrong = if azimuth.abs() > 360.0 {

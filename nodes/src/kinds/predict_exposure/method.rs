@@ -60,7 +60,8 @@ pub enum Method {
         /// Largest width at which the model works, from 64 to 4096 pixels, rounded down to a multiple of 32.
         #[serde(default = "width_px")]
         width_px: u32,
-        /// True if each step is done twice, once on the panorama rotated by half a turn, so that no seam shows.
+        /// True to compute each step twice, the second time with the panorama rotated by half a turn, so that no
+        /// seam is visible.
         #[serde(default = "seamless")]
         seamless: bool,
         /// Seed of the initial noise.
@@ -69,7 +70,7 @@ pub enum Method {
     },
 }
 
-/// Reads lists of four numbers. The error for any other list describes the problem.
+/// Reads the list of lights, each a list of four numbers. The error for a wrong list describes the problem.
 fn emitters<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<[f64; 4]>, D::Error> {
     let emitters = Vec::<Emitter>::deserialize(from)?;
     Ok(emitters.into_iter().map(|Emitter(numbers)| numbers).collect())

@@ -54,10 +54,10 @@ engine::params! {
         evs: Vec<f64> = vec![-6.0, -3.0], range(-24.0, -0.1), unit("EV"), other("[-9.0, -4.0]");
         /// Method of estimating hidden light.
         method: Method = Method::Learned, other("Skip");
-        /// Value from which a channel counts as clipped, in linear light with white at 1. Lower it for pictures
-        /// whose white level is below 1, which can happen in splat renders and video.
+        /// Minimum linear value at which a channel counts as clipped, where white is 1. Lower it for pictures whose
+        /// white level is below 1, which can happen in splat renders and video.
         white: f32 = CLIPPED, range(0.5, 1.0), other("0.9");
-        /// Weights for `Learned` that replace the built-in ones: a file written by `train-exposure`.
+        /// Weights file for `Learned`, written by `train-exposure`. It replaces the built-in weights.
         weights: Option<InputFile> = None, other("\"exposure.safetensors\"");
     }
 }
@@ -82,10 +82,10 @@ engine::outputs! {
     }
 }
 
-/// Value from which a channel counts as clipped. In the data of the regression, clipping sets in gradually between
-/// 0.9 and 1, and this is the middle of that range.
+/// Minimum linear value at which a channel counts as clipped. In the data of the regression, clipping begins
+/// gradually between 0.9 and 1; the middle of this range is used.
 pub const CLIPPED: f32 = 0.95;
-/// Maximum number of exposures. They take memory, and more than a few add no information.
+/// Maximum number of exposures. Exposures take memory, and more than a few add no information.
 const MOST_EXPOSURES: usize = 64;
 /// Maximum angle over which averaging onto the grid spreads a light, in radians: the width of two cells.
 const SPREAD: f64 = 0.05;
@@ -230,7 +230,7 @@ impl<'a> Clipped<'a> {
         Self { up, pixels, mask, ceiling, grid, labels, members }
     }
 
-    /// Regions, with the predicted gain of their pixels.
+    /// Regions, each with the predicted gain of its pixels.
     fn with_gain(&self, log2_gain: &[f32]) -> Vec<RegionLight> {
         let n = self.labels.count;
         let (mut size, mut before, mut after) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
@@ -300,7 +300,8 @@ fn clip_mask(pano: &Panorama, pixels: &LinearPixels, white: f32) -> Vec<bool> {
     pixels.rgb.iter().zip(&pano.alpha.samples).map(|(rgb, alpha)| *alpha >= SEEN && clipped(*rgb)).collect()
 }
 
-/// Reports white pixels that were mostly filled. They do not count as clipped and get no light.
+/// Reports white pixels whose colour was mostly filled in, since they are transparent. They do not count as clipped
+/// and get no light.
 fn report_unseen(pixels: &LinearPixels, alpha: &[f32], white: f32, notes: &mut Notes) {
     let unseen = |(rgb, alpha): &(&[f32; 3], &f32)| **alpha < SEEN && **alpha > 0.0 && max3(**rgb) > white;
     let count = pixels.rgb.iter().zip(alpha).filter(unseen).count();
@@ -340,7 +341,7 @@ fn report_nothing_clipped(
     } else {
         let equal = pixels.rgb.iter().filter(|rgb| max3(**rgb) == brightest).count();
         format!(
-            "the panorama holds light above white, up to {brightest:.3} in {equal} pixels, so nothing in it counts as clipped"
+            "the panorama contains light above white, so none of its pixels counts as clipped; the brightest light, in {equal} pixels, is {brightest:.3}"
         )
     };
     if let Method::Manual { emitters } = &params.method

@@ -22,13 +22,13 @@ const BRIGHTER: f32 = 0.25;
 const SHOWN: f64 = 1.2e-3;
 /// Minimum number of pixels that are needed to check a photograph.
 const FEWEST: usize = 16;
-/// Limits above which the light of a photograph contradicts the other pictures, in stops: for the median
-/// difference, and for the median deviation of the pixels from this median.
+/// Limits above which the light of a photograph contradicts the other pictures, in stops. The first limit is for
+/// the median of the differences at all pixels, and the second for the median deviation from this median.
 const APART: [f32; 2] = [0.5, 1.0];
-/// Of the pixels that are white in the other pictures, the maximum share that may be too dark in a photograph. For
-/// the 74 panoramas of hdri-train, this share is 0 with their own photographs. It exceeds the limit for 99 of 100
-/// photographs that show another place, are mirrored, or are rotated by 56 degrees; for two of three that are
-/// rotated by 4 degrees; and for one of three that are rotated by one degree.
+/// Maximum share of pixels that may be too dark in a photograph, among the pixels that are white in all brighter
+/// pictures. For the 74 panoramas of hdri-train, this share is 0 for photographs made from the same panorama. It
+/// exceeds the limit for 99 of 100 photographs that show another place, are mirrored, or are rotated by 56 degrees;
+/// for two of three that are rotated by 4 degrees; and for one of three that are rotated by one degree.
 const SHORT: f64 = 0.1;
 
 /// Checks that there is one file per exposure.
@@ -69,7 +69,8 @@ struct Off {
 }
 
 impl Photograph {
-    /// Compares a pixel with brighter pictures, brightest first. `None` if there is nothing to compare.
+    /// Compares a pixel with the brighter pictures `others`, in order from the brightest. `None` if no picture can
+    /// be compared.
     fn off(&self, at: usize, others: impl Iterator<Item = Shown>) -> Option<Off> {
         let (mut light, mut white) = (0.0_f64, true);
         for other in others {
@@ -88,7 +89,7 @@ impl Photograph {
         Some(Off { stops, white })
     }
 
-    /// Warns if the photograph contradicts the others.
+    /// Warns if the photograph contradicts the brighter pictures.
     fn tell(&self, shown: &[Off], white: &[Off], notes: &mut Notes) {
         let taken = format!("in `{}`, taken at EV {},", self.name, self.ev);
         let mut off: Vec<f32> = shown.iter().map(|off| off.stops).collect();
@@ -159,7 +160,7 @@ impl Photographs {
     }
 
     /// Warns about photographs whose light differs from the light of the panorama or of a brighter photograph, or
-    /// is below white where these are white.
+    /// is below white at pixels where those pictures are white.
     pub fn compare(
         &self,
         (pixels, alpha): (&LinearPixels, &[f32]),
@@ -187,8 +188,8 @@ impl Photographs {
         Ok(())
     }
 
-    /// Adds to the mask the pixels slightly below the white level that may be clipped too: those that are brighter
-    /// in a photograph by more than the rounding of codes.
+    /// Adds pixels slightly below the white level to the mask, since they may be clipped too. A pixel is added if a
+    /// photograph shows more light there, and the difference is larger than the rounding of codes.
     pub fn add_clipped(
         &self,
         pixels: &LinearPixels,
@@ -296,7 +297,7 @@ fn read(
     Ok(Photograph { ev, name: file.0.clone(), rgb, alpha, linear })
 }
 
-/// Lower median of a non-empty list.
+/// Median of a non-empty list. Of two middle values, the lower is returned.
 fn median(of: &mut [f32]) -> f32 {
     let middle = (of.len() - 1) / 2;
     *of.select_nth_unstable_by(middle, f32::total_cmp).1
@@ -307,7 +308,7 @@ pub(super) fn report_still(pixels: usize, notes: &mut Notes) {
     if pixels > 0 {
         notes.warning(
             "still-clipped",
-            format!("{pixels} pixels are clipped even in the darkest exposure that shows them, so their gain is a lower bound; add a darker one to `evs`"),
+            format!("{pixels} pixels are clipped even in the darkest exposure that shows them, so their gain is a lower bound; add a darker exposure to `evs`"),
         );
     }
 }

@@ -9,27 +9,27 @@ use crate::math::color::luminance;
 use crate::math::equirect::pixel_solid_angle;
 use crate::math::num;
 
-/// Limit of the ratio of the area of clipped cells to the area of the clipped pixels in them. A cell counts as
-/// clipped if any of its pixels is, so its area may be much larger. A gain that was fitted for whole cells is
-/// applied to their area, but to at most this many times the area of the clipped pixels.
+/// Maximum ratio of the area of clipped cells to the area of the clipped pixels in them. A cell counts as clipped
+/// if any of its pixels is, so its area may be much larger. A gain that was fitted for whole cells is applied to
+/// their area, but to at most this many times the area of the clipped pixels.
 const LARGEST_DILUTION: f64 = 16.0;
 
 /// Clipped pixels of each region, and the profile of its light.
 pub(super) struct Spread {
-    /// Clipped pixels of each region: index, profile and solid angle.
+    /// Clipped pixels of each region. For each pixel: its index, its value of the profile, and its solid angle.
     pixels: Vec<Vec<(u32, f64, f64)>>,
     /// Solid angle of the clipped pixels of each region.
     pub solid_angle: Vec<f64>,
-    /// Luminance times solid angle of the clipped pixels of each region.
+    /// For each region, the sum of luminance times solid angle over its clipped pixels.
     pub flux: Vec<f64>,
-    /// Luminance of the clipped pixels of each region, times the solid angle of the whole cells that contain them.
-    /// The ratio to `flux` is at most [`LARGEST_DILUTION`].
+    /// For each region, the luminance of its clipped pixels times the solid angle of the whole cells that contain
+    /// them. The ratio to `flux` is at most [`LARGEST_DILUTION`].
     pub cell_flux: Vec<f64>,
 }
 
 /// Light added to a region.
 pub(super) struct Given {
-    /// log2 of the flux of the region with the added light, divided by its flux without the added light.
+    /// log2 of the ratio of the region's flux with the added light to its flux without the added light.
     pub mean_log2_gain: f64,
     /// Largest log2 gain of a pixel.
     pub peak_log2_gain: f64,

@@ -14,8 +14,8 @@ use crate::math::num;
 pub(super) const RING: usize = 3;
 /// Maximum solid angle of the clipped region of a sun, as log2 of steradians.
 const LARGEST: f64 = -2.5;
-/// Minimum sine of the elevation of a sun, averaged over its cells. Cells whose sine of elevation is below the
-/// negative of this count as ground.
+/// Minimum sine of the elevation of a sun, averaged over its cells. Cells count as ground if the sine of their
+/// elevation is below the negative of this value.
 const LOWEST: f64 = 0.03;
 /// Minimum ratio of the solid angle of a sun to the solid angle of all clipped pixels above the horizon. Clipped
 /// pixels below the horizon are left out, since they may be lit by the sun, like snow and glints.
@@ -29,8 +29,9 @@ const BLUER: [f64; 2] = [1.02, 1.1];
 /// (docs/light.md), so these panoramas cannot be used to test them.
 pub(super) const FLUX: f64 = 0.5;
 
-/// Minimum blueness (B over R) of a clear sky: divided by the blueness of the ground, and without a division. Rooms
-/// with brown floors and captures under clouds satisfy only one of the two conditions.
+/// Minimum blueness (B over R) of a clear sky. The first limit is for the blueness divided by the blueness of the
+/// ground, and the second for the blueness itself. Rooms with brown floors and captures under clouds satisfy only
+/// one of the two conditions.
 const CLEAR: [f64; 2] = [2.0, 1.1];
 /// Two limits of the fraction of the solid angle above [`HORIZON`] that is clear sky. Above the first limit the sky
 /// may be clear, and above the second it certainly is. Walls and trees may hide the rest of the sky.
@@ -86,9 +87,9 @@ pub(super) fn report_doubtful(grid: &Grid, up: Up, regions: &[Vec<usize>], notes
     }
 }
 
-/// Blueness of the surroundings of each region: divided by the blueness of the ground, and without a division.
-/// `None` for regions that are too large ([`LARGEST`]), too low ([`LOWEST`]) or have too small a share ([`SHARE`])
-/// to be a sun.
+/// Blueness of the surroundings of each region: first divided by the blueness of the ground, then undivided. `None`
+/// for regions that are too large ([`LARGEST`]), too low ([`LOWEST`]) or have too small a share ([`SHARE`]) to be a
+/// sun.
 fn hues(grid: &Grid, up: Up, regions: &[Vec<usize>]) -> Vec<Option<[f64; 2]>> {
     let above = axes(up)[2];
     let height = |cell: usize| grid.direction(up, cell).dot(above);

@@ -122,7 +122,8 @@ fn flat_panoramas_stay_monotone_and_finite() {
     assert_eq!(expose(&white, &[9.0], -3.0), [1.0; 3], "a light that outshines an exposure is white in it");
 }
 
-/// Largest difference between the gain of a rotated panorama and the rotated gain of the original.
+/// Largest difference between the gain of a rotated panorama and the gain of the original panorama after the same
+/// rotation.
 fn off_turned(plain: &Brackets, turned: &Brackets, shift: usize) -> f64 {
     let width = plain.log2_gain.width;
     let from = |at: usize| plain.log2_gain.pixel((at % width + shift) % width, at / width)[0];

@@ -33,7 +33,7 @@ engine::params! {
         /// this value the ratio fades in, so that no edge shows (except with `Paper`).
         min_energy: f64 = 1e-3, range(0.0, 1e6), other("0.9");
         /// Largest ratio. Values above 1 keep light that the object adds by reflection; values below 1 darken the
-        /// whole picture. `Hybrid` limits it to 1.
+        /// whole picture. `Hybrid` limits `s_max` to 1.
         s_max: f64 = 1.0, range(0.0, 100.0), other("0.6");
         /// Exponent of the ratio; smaller values make the shadow lighter.
         gamma: f64 = 1.0, range(1e-3, 1.0), other("0.5");
@@ -47,9 +47,9 @@ engine::params! {
 engine::inputs! {
     /// Inputs of [`ShadowRatio`].
     pub struct In {
-        /// The receiver without the objects (R0).
+        /// Render of the receiver without the objects (R0).
         without: Arc<Images>,
-        /// The receiver with the objects, which are invisible to the camera (R1).
+        /// Render of the receiver with the objects, which are invisible to the camera (R1).
         with: Arc<Images>,
     }
 }
@@ -57,7 +57,7 @@ engine::inputs! {
 engine::outputs! {
     /// Outputs of [`ShadowRatio`].
     pub struct Out {
-        /// Factor of the background for each channel, 1 where there is no shadow.
+        /// Factor by which each channel of the background is multiplied; 1 where there is no shadow.
         shadow: Arc<Images>,
         /// Linear light to add to the background after the shadow, for `composite`; 0 if the form adds none.
         added: Arc<Images>,
@@ -117,7 +117,7 @@ impl ShadowRatio {
         Ok([shadow, added].map(|samples| Image::from_samples(width, height, 3, samples)))
     }
 
-    /// Light of a channel, or luminance, depending on the parameter `channels`.
+    /// Light of channel `c`, or luminance, depending on the parameter `channels`.
     fn of(&self, rgb: [f64; 3], c: usize) -> f64 {
         match self.channels {
             Channels::Each => rgb[c],
@@ -125,7 +125,8 @@ impl ShadowRatio {
         }
     }
 
-    /// True if the objects brighten most of the pixels around a pixel, as opposed to a single firefly.
+    /// True if the objects brighten most of the pixels around a pixel, and not only a single pixel, as a firefly
+    /// does.
     fn is_shone_on(
         &self,
         without: &Image<Linear>,

@@ -4,12 +4,13 @@ use engine::Notes;
 
 /// Factor by which a sample must exceed `s_max` to count as clipped. Smaller differences are invisible noise.
 pub(super) const SEEN: f64 = 1.01;
-/// Ratio from which the light added by objects counts as visible. Matte objects hardly brighten the surfaces next
-/// to them, so their ratios are lower.
+/// Minimum ratio at which the light added by objects counts as visible. Matte objects hardly brighten the surfaces
+/// next to them, so their ratios are lower.
 pub(super) const SHONE_ON: f64 = 1.5;
-/// Value of `s_max` that keeps the light of most lamps. Only places that are almost dark without a lamp exceed it.
+/// Value of `s_max` that keeps the light of most lamps. The ratio exceeds it only at places that are almost dark
+/// without the lamp.
 const LARGE: f64 = 8.0;
-/// Share of all samples above which clipped samples are too many to be fireflies.
+/// Maximum share of all samples that can be clipped fireflies. If more samples are clipped, they are not fireflies.
 const MANY: f64 = 1e-3;
 
 /// Counts of the samples of one view.
@@ -20,7 +21,7 @@ pub(super) struct Tally {
     pub(super) clipped: u64,
     /// Number of clipped samples in places that objects brighten.
     pub(super) shone_on: u64,
-    /// Sums of light over the clipped samples, with the objects and without.
+    /// Sums of light over the clipped samples: first with the objects, then without them.
     pub(super) bright: [f64; 2],
     pub(super) broken: u64,
 }

@@ -49,7 +49,7 @@ fn what_shapes_no_difference_is_reported() {
     }
 }
 
-/// A few samples on black do not dominate the reported brightness.
+/// A few samples whose light without the objects is almost 0 do not dominate the reported brightness.
 #[test]
 fn how_much_brighter_is_reported_by_sums() {
     let (mut r0, mut r1) = ([1.0; 100], [1.2; 100]);
@@ -173,7 +173,7 @@ fn dark_and_broken_samples_cast_no_shadow() {
     }
 }
 
-/// The shaping is monotone in each parameter, and exact at the ends.
+/// The shaping is monotone in each parameter, and exact at the ends of the range of each parameter.
 #[test]
 fn shaping_follows_the_paper() {
     let p = ShadowRatio::default;

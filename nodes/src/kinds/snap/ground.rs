@@ -10,11 +10,11 @@ use crate::types::Mesh;
 
 /// Number of columns and of rows of the grid of rays.
 const GRID: u32 = 24;
-/// Largest thickness of a shell of ground, in metres. Rooms are higher: if the normals of a room point
-/// outwards, its floor faces down and its ceiling is the next surface that faces up.
+/// Maximum thickness of a shell of ground, in metres. Rooms are higher: if the normals of a room point outwards,
+/// its floor faces down and its ceiling is the next surface that faces up.
 const SHELL: f64 = 2.0;
 
-/// Number of triangles that one job searches.
+/// Number of triangles that one task searches.
 const PIECE: usize = 1 << 16;
 
 /// Triangles of a mesh above and below an object, and their tree. Coordinates are relative to the middle of a foot
@@ -141,8 +141,9 @@ impl Ground {
         }
     }
 
-    /// Median height of surfaces that face down, and of surfaces that face up above them within `thickest`. `None`
-    /// unless more than half of the surfaces that face down have such a surface above them.
+    /// Two median heights: of the surfaces that face down, and of their upper sides. An upper side is a surface
+    /// that faces up, at most `thickest` above a surface that faces down. `None` unless more than half of the
+    /// surfaces that face down have an upper side.
     fn shell(&self, down: &[[f64; 3]], up: DVec3, thickest: f64) -> Option<[f64; 2]> {
         let axes = Foot::axes(up);
         let pair = |&[x, y, height]: &[f64; 3]| {
@@ -160,8 +161,8 @@ impl Ground {
     }
 }
 
-/// Half the width of the region that holds all rays, with a margin for rounding. The region contains the foot, and
-/// the object at any rotation about the middle of its foot.
+/// Half the width of the region that contains all rays, with a margin for rounding. The region contains the foot,
+/// and the object at any rotation about the middle of its foot.
 fn widest(foot: &Foot, around: DVec3) -> f64 {
     let [low, high] = [foot.low - around, foot.high - around];
     let reach = low.abs().max(high.abs()).length();

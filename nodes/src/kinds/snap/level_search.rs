@@ -8,7 +8,7 @@ use crate::geometry::sampling::hash;
 
 /// Number of planes that are tried, each horizontal or through three points.
 const TRIED: u32 = 400;
-/// Minimum number of points directly below the foot from which a level there can be determined.
+/// Minimum number of points directly below the foot that is needed to determine a level from them.
 const FEW: usize = 8;
 
 /// Plane and the number of points on it.
@@ -18,16 +18,16 @@ struct Candidate {
     plane: [f64; 3],
     /// Number of points on the plane.
     held: usize,
-    /// Number of those points that lie directly below the foot.
+    /// Number of points on the plane that lie directly below the foot.
     under: usize,
 }
 
 /// Finds the level that supports a foot, and returns its points. The foot extends `half` along both axes around (0,
 /// 0), and its base is at height 0. A level consists of all points within `near` of a plane. A level qualifies if
-/// it has at least half as many points below the foot as the level with the most such points; if hardly any points
-/// lie below the foot, every level qualifies. Of the levels that qualify, the level nearest to height 0 is taken,
-/// at the plane that contains most of its points. Of planes with equally many points, the nearest is taken, and of
-/// equally near planes the first that was tried.
+/// it has at least half as many points below the foot as the level with the most points below the foot; if hardly
+/// any points lie below the foot, every level qualifies. Of the levels that qualify, the level nearest to height 0
+/// is taken, at the plane that contains most of its points. If several planes contain equally many points, the
+/// plane nearest to height 0 is taken, and if several are equally near, the first that was tried.
 pub(super) fn bearing(
     points: &[[f64; 3]],
     half: [f64; 2],

@@ -19,16 +19,17 @@ use level_search::bearing;
 engine::params! {
     /// Moves a pose up or down so that the object stands on the mesh of the scene, or on its splats.
     ///
-    /// The ground is searched below and slightly around the object's foot, up and down by `reach_metres`. It is the
-    /// nearest of the levels that support at least half as much of the foot as the level that supports the most. So
-    /// an object on a table stays there. The middle of the foot is put on the plane that fits most of this level;
-    /// if the mesh is rough, this is its mean height. If the mesh below the foot deviates more than 2 cm from this
-    /// plane (a mound, a hollow, a kerb), the object is put on its contact points, which is reported.
+    /// The ground is searched for below and slightly around the object's foot, up to `reach_metres` above and below
+    /// it. Of the levels that support at least half as much of the foot as the best level, the nearest is the
+    /// ground. So an object on a table stays there. The middle of the foot is put on the plane that fits most of
+    /// this level; if the mesh is rough, this plane lies at its mean height. If the mesh below the foot deviates
+    /// more than 2 cm from this plane (a mound, a hollow, a kerb), the object is put on its contact points, which
+    /// is reported.
     ///
-    /// Ground faces up and is not steeper than 45 degrees. If no surface of a mesh faces up there, surfaces that
-    /// face down are used, which is reported. The underside of a shell less than 2 m thick is never used; the error
-    /// then gives the height of its upper side. Wire the new pose in place of the old one, to `place` and to the
-    /// probe.
+    /// Ground faces up and is not steeper than 45 degrees. If no surface of the mesh within reach faces up,
+    /// surfaces that face down are used, which is reported. The underside of a shell less than 2 m thick is never
+    /// used; the error then gives the height of its upper side. Wire the new pose in place of the old one, to
+    /// `place` and to the probe.
     pub struct Snap {
         /// Maximum distance of the ground above or below the object's foot.
         reach_metres: f64 = 0.5, range(0.001, 100.0), unit("m"), other("0.005");
@@ -156,7 +157,7 @@ impl Kind for Snap {
         }
         let millimetres = |v: f64| v * cx.metres_per_unit() * 1e3;
         let text = format!(
-            "moved by {:+.1} mm (positive: up) to ground that is {:.1} mm rough, normal ({:.3}, {:.3}, {:.3})",
+            "moved by {:+.1} mm (positive: up) to ground that is {:.1} mm rough and has the normal ({:.3}, {:.3}, {:.3})",
             millimetres(height),
             millimetres(level.roughness),
             normal.x,
@@ -173,8 +174,9 @@ impl Kind for Snap {
     }
 }
 
-/// Error that no ground is near the foot of an object. `below` is the distance of the foot below the origin
-/// of the pose, and `nearest` the height of the nearest ground above the foot, if there is any, in metres.
+/// Error for a foot that has no ground within `reach`. All lengths are in metres. `below` is the distance from the
+/// origin of the pose down to the foot, and `nearest` is the height of the nearest ground above the foot, if any
+/// ground was found.
 fn none_near(reach: f64, below: f64, nearest: Option<f64>) -> NodeError {
     let side = |height: f64, [over, under]: [&'static str; 2]| if height > 0.0 { over } else { under };
     let foot = match below.abs() {

@@ -2,7 +2,7 @@ use super::*;
 use crate::testing::context;
 use crate::types::Primitive;
 
-/// Pyramid of 0.4 by 0.4 by 1 that stands on its square, y up as in glTF.
+/// Pyramid that stands on its square base, 0.4 by 0.4 wide and 1 high, with y up as in glTF.
 fn object() -> Arc<Object> {
     let primitive = Primitive {
         positions: vec![
@@ -52,7 +52,7 @@ fn objects_come_to_stand_from_above_and_below() {
     assert!(run(None, None, 0.0, false).is_err());
 }
 
-/// The origin of the object is its middle, as in many models, so its foot is far below a pose that is near
+/// The origin of the object is its middle, as in many models, so the foot is far below the origin of a pose near
 /// the ground.
 #[test]
 fn what_is_too_far_is_reported_by_the_foot() {
@@ -100,7 +100,7 @@ fn block() -> Arc<Object> {
     Arc::new(Object { primitives: vec![primitive], ..Object::default() })
 }
 
-/// Ground of 80 by 80 cells, 2 wide, at heights given by a function of the position.
+/// Ground of 80 by 80 cells that is 2 units wide. `height` returns the height at a position.
 fn relief(height: impl Fn(f64, f64) -> f64) -> Mesh {
     let side = 81_u32;
     let mut mesh = Mesh::default();

@@ -22,7 +22,7 @@ engine::params! {
     ///
     /// Each pixel is the mean over its solid angle, in linear light and weighted by alpha. The result is converted
     /// back to the encoding of the views. Overlapping views are blended with weights that rise with the distance
-    /// from their borders, so that no seam shows.
+    /// from the borders of each view, so that no seam is visible.
     pub struct Stitch {
         /// Width of the panorama, even; the height is half of it.
         width_px: u32 = 2048, range(2, 16384), unit("px"), other("64"),
@@ -241,7 +241,7 @@ fn energy_report(
 }
 
 impl Stitch {
-    /// Width of the panorama of the given views.
+    /// Width, in pixels, of the panorama that is made from `views`.
     fn columns(&self, views: &Views) -> usize {
         let sides = views.0.iter().map(|view| view.camera.width_px.max(view.camera.height_px));
         let worth = sides.max().map_or(self.width_px, |side| side.saturating_mul(COLUMNS_A_PIXEL));

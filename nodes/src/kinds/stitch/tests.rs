@@ -47,7 +47,7 @@ fn constant_faces_stay_constant() {
     row(18, "off the colour and alpha of the faces, relative", largest, 1e-6);
 }
 
-/// The energy of a single lit pixel of each face is its solid angle, also at the poles and at the wrap, where
+/// The energy of a single lit pixel of each face is its solid angle, also at the poles and at the seam, where
 /// `Aligned` puts the centres of faces.
 #[test]
 fn a_single_pixel_keeps_its_energy() {

@@ -48,8 +48,8 @@ pub(in super::super) fn tell(notes: &mut Notes) -> Result<(), NodeError> {
     Ok(())
 }
 
-/// Memory of the library for two pictures at once, in bytes: about 0.6 kB per pixel of each picture, as measured,
-/// up to a limit.
+/// Memory of the library for two pictures at once, in bytes: about 0.6 kB (measured) per pixel of each picture, up
+/// to a limit.
 pub(in super::super) fn bytes(pixels: usize) -> u64 {
     2 * (pixels as u64 * 640).min(oidn::MEMORY_BYTES) + pixels as u64 * 60
 }
@@ -100,7 +100,7 @@ fn lit(
     Ok(smooth.as_chunks::<3>().0.iter().enumerate().map(values).collect())
 }
 
-/// The object's colour, with its alpha unchanged.
+/// Filtered colour of the object, with its alpha unchanged.
 fn inserted(
     library: &Library,
     size: [usize; 2],

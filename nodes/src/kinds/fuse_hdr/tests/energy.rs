@@ -1,4 +1,4 @@
-//! Tests of the energy report: the light that each step adds, and the lights that it adds to.
+//! Tests of the energy report: how much light each step adds, and to which lights.
 
 use super::*;
 

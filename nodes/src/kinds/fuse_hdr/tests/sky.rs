@@ -15,13 +15,13 @@ fn hole(at: usize) -> bool {
     at / W < 9 && at % W < 32
 }
 
-/// Irradiance of the ground from a uniform sky of radiance 1, computed as for the report.
+/// Irradiance on the ground from a uniform sky of radiance 1, computed as for the report.
 fn whole_sky() -> f64 {
     Energy::of(Up::PlusZ, W, &[1.0; W * H]).ground
 }
 
-/// Outdoor capture with `filled` in place of the upper sky, a thin visible strip of sky below it, and ground with
-/// an unseen part that is filled with white.
+/// Outdoor capture in which the upper sky is unseen and filled with the radiance `filled`. Below it is a thin strip
+/// of visible sky. An unseen part of the ground is filled with white.
 fn capture(filled: f64, alpha: impl Fn(usize) -> f32) -> (Arc<Panorama>, Arc<Brackets>) {
     let ground = ALBEDO * SKY * whole_sky() / PI;
     let light = |at: usize| {
@@ -41,7 +41,8 @@ fn capture(filled: f64, alpha: impl Fn(usize) -> f32) -> (Arc<Panorama>, Arc<Bra
     (Arc::new(pano), brackets)
 }
 
-/// Alpha of the capture: the hole, thin leaves next to it, and a part of the ground.
+/// Alpha of a pixel of the capture. It is below 1 in the hole, at thin leaves next to it, and in a part of the
+/// ground.
 fn outdoors(at: usize) -> f32 {
     match at / W {
         _ if hole(at) => 0.0,

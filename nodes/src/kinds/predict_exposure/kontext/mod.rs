@@ -11,14 +11,15 @@ mod model;
 #[cfg(feature = "learned")]
 pub(super) mod picture;
 
-/// Error text about a missing file: the files that a user must supply, where to find them, and their sizes.
-pub(super) const WHERE: &str = "you must supply the weights: Flux.1 Kontext [dev] from \
-    huggingface.co/black-forest-labs/FLUX.1-Kontext-dev, under its non-commercial licence, which you accept there: \
-    `flux1-kontext-dev.safetensors` (23.8 GB; a GGUF of it has 6.7 GB with four bits per weight) and `ae.safetensors` \
-    (0.3 GB); the encoded prompt (4 MB) and a LoRA for exposure (`train-exposure --backend flux-kontext`). The \
-    method needs as much memory as the size of the transformer file plus 7 GB. See docs/kontext.md";
+/// Text for errors about a missing file: the files that a user must supply, where to find them, and their sizes.
+pub(super) const WHERE: &str = "you must supply four files. `flux1-kontext-dev.safetensors` (23.8 GB; \
+    a GGUF file with 4 bits per weight takes 6.7 GB) and `ae.safetensors` (0.3 GB) can be downloaded from \
+    huggingface.co/black-forest-labs/FLUX.1-Kontext-dev after you accept the non-commercial licence there. The others \
+    are the encoded prompt (4 MB) and a LoRA for exposure, made by `train-exposure --backend flux-kontext`. The \
+    method needs memory for the transformer file plus 7 GB. See docs/kontext.md";
 
-/// Hint about a missing file. A build without the feature reports that the feature is missing instead.
+/// Hint for errors about a missing file. `None` in a build without the feature `learned`, which reports the missing
+/// feature instead.
 pub(super) const SUPPLIED: Option<&str> = if cfg!(feature = "learned") { Some(WHERE) } else { None };
 
 /// Parameters of `Method::FluxKontext`.
@@ -40,7 +41,7 @@ impl<'a> Kontext<'a> {
         [self.transformer, self.vae, self.prompt, self.lora]
     }
 
-    /// Checks the ranges of the numbers.
+    /// Checks that the numeric parameters are within their ranges.
     pub(super) fn check_numbers(&self) -> Result<(), NodeError> {
         let numbers = [
             ("strength", self.strength, 0.0, 4.0),

@@ -26,13 +26,13 @@ impl Kontext<'_> {
         learned::flux::Memory::published((width, width / 2))
     }
 
-    /// Width at which the model works, in pixels.
+    /// Width of the picture that is given to the model, in pixels.
     fn width(&self, width: usize) -> usize {
         width.min(self.width_px as usize) / 32 * 32
     }
 
-    /// Files of the model, with shards and the `config.json` next to them. The error about a missing file
-    /// says where to download it.
+    /// Files of the model, with shards and the `config.json` next to them. If a file is missing, the error gives
+    /// the address from which it can be downloaded.
     pub(in super::super) fn sources(&self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
         let mut files = Vec::new();
         for file in self.files() {
@@ -117,8 +117,9 @@ impl Kontext<'_> {
     }
 }
 
-/// Records two steps: the light of `small`, which is the picture given to the model, and the light of `small` after
-/// the gains are applied. Each gain is applied to the fraction of the pixel that is clipped in the panorama.
+/// Records two steps for the energy report: the light of `small`, which is the picture given to the model, and the
+/// light of `small` after the gains are applied. Each gain is applied to the fraction of the pixel that is clipped
+/// in the panorama.
 fn record(
     books: &mut EnergyTable,
     (width, height): (usize, usize),
@@ -151,7 +152,7 @@ fn error(error: Error) -> NodeError {
     }
 }
 
-/// Passes progress from the model to the engine, and cancellation from the engine to the model.
+/// Passes progress from the model to the engine, and requests to stop from the engine to the model.
 struct Follow<'a>(&'a Context);
 
 impl Watch for Follow<'_> {

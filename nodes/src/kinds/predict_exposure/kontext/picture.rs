@@ -7,8 +7,8 @@ use crate::math::color::{linear_from_srgb, srgb_from_linear};
 /// Number of stops by which one pass darkens a panorama.
 pub const STOPS: f64 = 3.0;
 
-/// Display-encoded planes of a smaller picture, one per channel. Each pixel is the mean of the light in the area
-/// that it covers.
+/// Shrinks a panorama. Returns display-encoded planes, one per channel. Each pixel is the mean of the light in the
+/// area that it covers.
 pub fn shrunk(pixels: &LinearPixels, width: usize, height: usize) -> Vec<f32> {
     let mut planes = vec![0.0; 3 * width * height];
     let span = |i: usize, of: usize, from: usize| (i * from / of)..((i + 1) * from).div_ceil(of);

@@ -1,7 +1,7 @@
 //! Means over a neighbourhood of each cell of a panorama. The neighbourhoods have about the same width in degrees
 //! at every latitude.
 
-/// Number of fields averaged together.
+/// Number of fields that are averaged together.
 pub(super) const FIELDS: usize = 7;
 
 /// Values of the fields in each cell of a panorama, row by row.
@@ -69,8 +69,8 @@ fn running_sums(sums: &mut Vec<[f64; FIELDS]>, values: impl Iterator<Item = [f64
     }
 }
 
-/// Writes the mean of the `2 reach + 1` values around each place, from prefix sums of a line extended by
-/// `reach` on both sides.
+/// Writes, for each position of a line, the mean of the `2 reach + 1` values around it. `sums` are the prefix sums
+/// of the line after it was extended by `reach` on both sides.
 fn window<'a>(to: impl Iterator<Item = &'a mut [f64; FIELDS]>, sums: &[[f64; FIELDS]], reach: usize) {
     let size = (2 * reach + 1) as f64;
     for ((to, low), high) in to.zip(sums).zip(&sums[2 * reach + 1..]) {

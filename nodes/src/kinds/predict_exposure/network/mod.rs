@@ -101,7 +101,7 @@ impl Hidden {
     }
 }
 
-/// Predicts the log2 gain of every pixel (0 outside clipped regions) and the light added to each region.
+/// Predicts the log2 gain of every pixel, which is 0 outside clipped regions, and the light that each region gains.
 pub(super) fn predict(
     network: &Network,
     clipped: &Clipped<'_>,

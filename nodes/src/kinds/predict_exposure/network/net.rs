@@ -10,7 +10,7 @@ const LEAK: f32 = 0.1;
 /// Largest absolute values of scaled features, in standard deviations: for features of the whole panorama, and for
 /// features of a cell. Larger values are clamped.
 pub(in super::super) const LIMITS: [f32; 2] = [3.0, 4.0];
-/// Largest absolute value of log2 of hidden over visible light. Larger values are clamped.
+/// Largest absolute value of log2 of the ratio of hidden to visible light. Larger values are clamped.
 pub(in super::super) const AMOUNT: f64 = 8.0;
 
 /// Affine map for the amount of hidden light, and an ensemble of networks of one shape for its distribution.
@@ -19,7 +19,7 @@ pub(in super::super) struct Network {
     scales: [(Vec<f32>, Vec<f32>); 2],
     amount: Affine,
     members: Vec<Member>,
-    /// Part of the uncertainty that the disagreement of the members does not explain, in stops.
+    /// Part of the uncertainty, in stops, that is not explained by the disagreement of the networks.
     pub residual: f64,
 }
 
@@ -37,9 +37,9 @@ struct Affine {
 
 /// Prediction for one panorama.
 pub(in super::super) struct Prediction {
-    /// log2 of hidden over visible flux.
+    /// log2 of the ratio of hidden to visible flux.
     pub amount: f64,
-    /// For each member, the share of the hidden light in each cell.
+    /// For each network, the share of the hidden light that each cell receives.
     pub shares: Vec<Vec<f64>>,
 }
 
@@ -174,7 +174,7 @@ mod tests {
     use safetensors::SafeTensors;
     use safetensors::tensor::{Dtype, TensorView, serialize};
 
-    /// Built-in weights after `change` has modified the bytes and shapes of the tensors.
+    /// Parses the built-in weights after `change` has modified the shapes and bytes of the tensors.
     fn changed(change: impl Fn(&str, &mut Vec<usize>, &mut Vec<u8>) -> bool) -> Result<Network, Error> {
         let tensors = SafeTensors::deserialize(WEIGHTS).expect("is sound");
         let mut kept = Vec::new();
@@ -191,7 +191,7 @@ mod tests {
         Network::parse("w", &file, OVERVIEW, CELL)
     }
 
-    /// Errors in weights name the tensor.
+    /// An error about wrong weights names the tensor.
     #[test]
     fn wrong_weights_are_refused_by_name() {
         let shipped = SafeTensors::deserialize(WEIGHTS).expect("is sound");

@@ -11,7 +11,7 @@ use crate::light::regions;
 use crate::math::equirect::axes;
 use crate::math::num;
 
-/// Lower bound of shares, brightnesses and solid angles (in sr): smaller values are raised to it.
+/// Lower bound for shares, brightnesses and solid angles (in steradians). Smaller values are raised to it.
 const LEAST: f64 = 1e-4;
 /// Lower bound of the luminance of a cell.
 const BLACK: f64 = 2e-3;
@@ -19,7 +19,7 @@ const BLACK: f64 = 2e-3;
 const DARK: f64 = 0.02;
 /// Sine of the elevation above which cells are sky. Cells below its negative are ground.
 const HORIZON: f64 = 0.05;
-/// Sine of the elevation below which cells are near ground.
+/// Sine of the elevation below which ground cells are near the viewer.
 const NEAR: f64 = -0.3;
 /// Largest absolute sine of the elevation of cells that can be walls.
 const WALL: f64 = 0.4;

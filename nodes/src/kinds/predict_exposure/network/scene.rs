@@ -17,20 +17,20 @@ pub(in super::super) const OVERVIEW: usize = 22;
 pub(in super::super) const CELL: usize = 37;
 /// Radii of the neighbourhoods, in columns of a grid of 256: 2.8, 8.4, 22.5 and 63 degrees.
 const RADII: [usize; 4] = [2, 6, 16, 45];
-/// Value of the darkest channel above which a cell counts as clipped in all channels.
+/// Minimum value of the darkest channel at which a cell counts as clipped in all channels.
 const WHITE: f64 = 0.95;
 
 /// Input of the networks for one panorama.
 pub(in super::super) struct Scene {
     /// Features of the whole panorama.
     pub overview: [f32; OVERVIEW],
-    /// Clipped cells, in order of their index.
+    /// Clipped cells, in order of their index in the grid.
     pub cells: Vec<ClippedCell>,
-    /// Luminance times solid angle of the visible unclipped parts of all cells.
+    /// Sum of luminance times solid angle over the visible unclipped parts of all cells.
     pub open_flux: f64,
-    /// Luminance times solid angle of all visible parts above the horizon.
+    /// Sum of luminance times solid angle over all visible parts above the horizon.
     pub above: f64,
-    /// Degree to which each region is the sun, 0 to 1.
+    /// For each region, the degree to which it is the sun, from 0 to 1.
     pub suns: Vec<f64>,
 }
 
@@ -52,10 +52,10 @@ pub(in super::super) struct ClippedCell {
 
 /// One connected clipped region.
 struct Region {
-    /// log2 of the solid angle.
+    /// log2 of the solid angle of the region.
     size: f64,
     share: f64,
-    /// Sine of elevation: mean, largest, smallest.
+    /// Mean, largest and smallest sine of the elevation of the cells.
     sine: [f64; 3],
     centre: DVec3,
     /// Root mean square angle from the centre of the region.
@@ -95,7 +95,8 @@ pub(super) fn log2(v: f64, least: f64) -> f64 {
 }
 
 impl<'a> View<'a> {
-    /// Normalises light from the white level `ceiling` to a white level of 1.
+    /// Computes the quantities of a panorama whose white level is `ceiling`. Light is scaled so that white becomes
+    /// 1.
     fn new(grid: &'a Grid, up: Up, ceiling: f64) -> Self {
         let above = axes(up)[2];
         let row = |y: usize| y * grid.width;

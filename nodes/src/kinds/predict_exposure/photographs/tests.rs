@@ -13,7 +13,7 @@ use crate::math::color::{code8, linear_from_srgb};
 const W: usize = 64;
 const H: usize = 32;
 
-/// Light in a column: a lamp, a sun and a moon, then a dim column, repeated every four columns. Dim columns
+/// Light in a column. The columns repeat in groups of four: a lamp, a sun, a moon and a dim column. Dim columns
 /// become brighter to the right.
 fn light(x: usize) -> f32 {
     [3.0, 30.0, 900.0, 0.2 + 0.01 * x as f32][x % 4]

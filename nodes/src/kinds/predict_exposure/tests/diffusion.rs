@@ -42,8 +42,8 @@ fn files_of_the_diffusion_model_count_by_content_and_a_build_without_it_says_so(
     }
 }
 
-/// The small model with random weights, run by the kind, changes only clipped pixels and gives the same
-/// result every time. Its predictions are not sensible.
+/// The small model with random weights, run by the kind, changes only clipped pixels and gives the same result
+/// every time. The values that it predicts are meaningless.
 #[cfg(all(feature = "learned", feature = "real-data"))]
 #[test]
 fn the_diffusion_model_fills_clipped_pixels_only() {

@@ -3,11 +3,12 @@
 /// Penalty of a squared coefficient, per unit of weight of the examples. Features have a standard deviation
 /// of 1.
 const PENALTY: f64 = 0.08;
-/// Lower bound of the amounts of hidden light in the fit, as log2 of hidden over visible flux. Smaller amounts are
-/// raised to this bound.
+/// Lower bound of the amounts of hidden light in the fit, as log2 of the ratio of hidden to visible flux. Smaller
+/// amounts are raised to this bound.
 const LEAST: f64 = -10.0;
 
-/// Model of log2 of hidden over visible flux: an affine function of the scaled features of a panorama.
+/// Model of the amount of hidden light, as log2 of the ratio of hidden to visible flux. It is an affine function of
+/// the scaled features of a panorama.
 pub(super) struct Amount {
     pub weight: Vec<f32>,
     pub bias: f32,
@@ -17,7 +18,7 @@ pub(super) struct Amount {
 pub(super) struct Sample<'a> {
     /// Scaled features of the panorama.
     pub numbers: &'a [f32],
-    /// log2 of hidden over visible flux.
+    /// log2 of the ratio of hidden to visible flux.
     pub amount: f64,
     /// Weight of the panorama in the fit.
     pub weight: f64,
@@ -54,7 +55,7 @@ impl Amount {
         Self { weight: weight.iter().map(|w| *w as f32).collect(), bias: bias as f32 }
     }
 
-    /// log2 of hidden over visible flux that the model predicts for a panorama with these scaled features.
+    /// Predicts log2 of the ratio of hidden to visible flux for a panorama with the scaled features `numbers`.
     pub fn of(&self, numbers: &[f32]) -> f64 {
         let sum = numbers.iter().zip(&self.weight).fold(0.0, |sum, (v, w)| sum + v * w);
         f64::from(sum + self.bias)

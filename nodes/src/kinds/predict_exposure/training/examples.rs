@@ -18,33 +18,33 @@ const SHOTS: u32 = 8;
 /// Maximum deviation of the exposure from EV 0, in stops.
 const STOPS: f64 = 1.2;
 /// Maximum number of clipped cells that an example keeps. If there are more, it keeps the [`BRIGHTEST`] cells with
-/// the most hidden light, and a random choice of the others.
+/// the most hidden light, and a random selection of all other cells.
 const CELLS: usize = 1400;
 /// Number of cells that are chosen by their hidden light if an example has more than [`CELLS`] clipped cells.
 const BRIGHTEST: usize = 250;
-/// Share of the photographs that are taken from the finer panorama. It is 0 until a cross-validation of a whole training
-/// has tested other values; 0.5 is a candidate.
+/// Share of the photographs that are taken from the finer panorama. It is 0 until other values have been tested by
+/// cross-validation of complete training runs; 0.5 is a candidate.
 const FINER: f64 = 0.0;
-/// Share of the photographs that have glints. It is 0 until a cross-validation of a whole training has tested other
-/// values; 0.3 is a candidate.
+/// Share of the photographs that have glints. It is 0 until other values have been tested by cross-validation of
+/// complete training runs; 0.3 is a candidate.
 const GLINTS: f64 = 0.0;
 /// Weight of a photograph of a procedural panorama, relative to the weight of a photograph of a real panorama.
 const PROCEDURAL: f32 = 0.6;
 
 /// All training examples.
 pub(super) struct Course {
-    /// Real panoramas, for evaluation.
+    /// Real panoramas, which are used for evaluation.
     held: Vec<HeldOut>,
-    /// Place of each example; `None` for procedural examples.
+    /// Index of the location that each example shows. `None` for procedural examples.
     places: Vec<Option<usize>>,
-    /// Index of each example among the photographs of its panorama. The first one is unmodified.
+    /// Index of each example among the photographs of its panorama. The photograph with index 0 is unmodified.
     shots: Vec<u32>,
     /// Visible unclipped flux of each example.
     open: Vec<f64>,
     raw: Examples,
 }
 
-/// Data for the evaluation of a held-out panorama.
+/// Data for the evaluation on a held-out panorama.
 pub(super) struct HeldOut {
     pub name: String,
     place: usize,
@@ -175,9 +175,9 @@ impl Course {
         raw.weight.push(weight);
     }
 
-    /// Data of each example, one line per example: its place (empty if the panorama is procedural), the index of
-    /// the photograph, its weight, visible flux, unclipped flux, hidden flux, and the features of the whole
-    /// panorama.
+    /// Data of each example, one line per example: the index of its location (empty if the panorama is procedural),
+    /// the index of the photograph, its weight, visible flux, unclipped flux, hidden flux, and the features of the
+    /// whole panorama.
     pub fn numbers(&self) -> String {
         let mut text = "place,photograph,weight,visible,open,hidden".to_owned();
         (0..OVERVIEW).for_each(|k| text += &format!(",n{k}"));
@@ -203,13 +203,13 @@ impl Course {
         Digest::of(digests.as_bytes())
     }
 
-    /// Index of the fold of cross-validation that a place belongs to.
+    /// Index of the fold of the cross-validation to which a location belongs.
     fn fold(place: usize, folds: usize) -> usize {
         place % folds
     }
 
-    /// Indices of the examples for one network: all examples with hidden light, except the examples of the places
-    /// in `fold`.
+    /// Indices of the examples for one network: all examples with hidden light, except the examples whose location
+    /// belongs to `fold`.
     pub fn chosen(&self, fold: Option<usize>, folds: usize) -> Vec<usize> {
         let learns = |i: &usize| {
             let ([.., hidden, _], open) = (self.raw.fluxes[*i], self.open[*i]);
@@ -265,7 +265,7 @@ impl Course {
         scaled
     }
 
-    /// Held-out panoramas whose places belong to a fold.
+    /// Held-out panoramas whose location belongs to `fold`.
     pub fn held_out(&self, fold: usize, folds: usize) -> impl Iterator<Item = &HeldOut> {
         self.held.iter().filter(move |held| Self::fold(held.place, folds) == fold)
     }

@@ -7,7 +7,7 @@ use crate::error::Error;
 use crate::io::exr::{self, Channel, Depth};
 use crate::math::num;
 
-/// Minimum share of the hidden light of its panorama that a region must have to be used in [`residual`].
+/// Minimum share of the hidden light of a panorama that a region must have to be used in [`residual`].
 const MATTERS: f64 = 0.05;
 /// Largest absolute error of a region, in stops. Larger errors are clamped.
 const LARGEST_ERROR: f64 = 4.0;
@@ -37,7 +37,7 @@ impl Region {
     }
 }
 
-/// Evaluation of one panorama by networks that were trained without its place.
+/// Evaluation on one panorama of networks that were trained without its location.
 pub(super) struct Judged {
     pub score: Score,
     regions: Vec<Region>,
@@ -71,13 +71,13 @@ impl Judged {
         Ok(Self { score, regions, open: scene.open_flux, recovered: recovered(example, &given)? })
     }
 
-    /// Regions that are used in [`residual`]: those with at least a share [`MATTERS`] of the hidden light.
+    /// Regions that are used in [`residual`]: regions with at least the share [`MATTERS`] of the hidden light.
     fn matter(&self) -> impl Iterator<Item = &Region> {
         let total: f64 = self.regions.iter().map(|region| region.hidden).sum();
         self.regions.iter().filter(move |region| total > 0.0 && region.hidden > MATTERS * total)
     }
 
-    /// Data of the regions as comma-separated values, one line per region. `part` is the fold of the
+    /// Data of the regions as comma-separated values, one line per region. `part` is the index of the fold of the
     /// cross-validation.
     pub fn lines(&self, part: usize) -> String {
         let line = |r: &Region| {
@@ -111,8 +111,8 @@ pub(super) fn residual(held: &[Judged]) -> f64 {
     (squares.iter().sum::<f64>() / squares.len().max(1) as f64).max(0.0).sqrt()
 }
 
-/// log2 of predicted over true mean irradiance, and log2 of predicted over true contrast, if the fluxes `cells` are
-/// added to the clipped cells.
+/// log2 of the ratio of predicted to true mean irradiance, and log2 of the ratio of predicted to true contrast, if
+/// the fluxes `cells` are added to the clipped cells.
 fn errors(example: &Example, cells: &[f64]) -> [f64; 2] {
     let mut sums = example.visible;
     for (hidden, toward) in cells.iter().zip(&example.toward) {

@@ -33,7 +33,7 @@ pub struct Plan {
     pub seed: u64,
     /// Number of networks whose predictions are averaged.
     pub members: usize,
-    /// Number of folds of cross-validation; 0 for none.
+    /// Number of folds of the cross-validation; 0 for no cross-validation.
     pub folds: usize,
     /// Number of procedural panoramas.
     pub procedural: u32,
@@ -44,15 +44,15 @@ pub struct Plan {
 /// Progress of a training run.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Progress {
-    /// Number of panoramas photographed, and the total.
+    /// Number of panoramas that have been photographed, and number of all panoramas.
     Examples(usize, usize),
     /// A step of a network.
     Step {
-        /// Number of the network, from 1.
+        /// Number of the network that is trained, counted from 1.
         network: usize,
         /// Number of networks to train.
         networks: usize,
-        /// Number of the step, from 1.
+        /// Number of the step, counted from 1.
         step: usize,
         /// Number of steps of each network.
         steps: usize,
@@ -80,10 +80,10 @@ pub struct Trained {
     pub weights: Vec<u8>,
     /// Scores of the cross-validation, in order of name.
     pub scores: Vec<Score>,
-    /// Scores for photographs of [`FINE`] columns, for the panoramas that have this size.
+    /// Scores for photographs of [`FINE`] columns, of the panoramas that have this size.
     pub finer: Vec<Score>,
     /// Name of each panorama, and the light recovered from its photograph, as the bytes of an EXR file. The
-    /// networks that recovered the light were trained without the panoramas of the same place.
+    /// networks that recovered the light were trained without the panoramas of the same location.
     pub recovered: Vec<(String, Vec<u8>)>,
     /// Predicted and true fluxes of each clipped region of the panoramas in `recovered`, as comma-separated values.
     pub regions: String,
@@ -109,16 +109,17 @@ pub fn read(name: &str, bytes: &[u8]) -> Result<Image<Linear>, Error> {
     Ok(shrink((width, height), &rgb, if width < FINE { WIDTH } else { FINE }))
 }
 
-/// Name of the place that a panorama shows. Files whose names differ only in a number at the end, or in
-/// `_puresky`, show the same place.
+/// Name of the location that a panorama shows. Files whose names differ only in a number at the end, or in
+/// `_puresky`, show the same location.
 pub fn place(name: &str) -> &str {
     let name = name.strip_suffix("_puresky").unwrap_or(name);
     let stem = name.trim_end_matches(|c: char| c.is_ascii_digit());
     if stem.len() < name.len() { stem.trim_end_matches('_') } else { name }
 }
 
-/// Trains the networks. Finished networks are stored in the folder `parts` and not trained again. `tell`
-/// receives the progress and returns whether to continue. A stopped training returns `None`.
+/// Trains the networks. Each finished network is stored in the folder `parts`, so that it need not be trained
+/// again. `tell` receives the progress and returns whether to continue. Returns `None` if `tell` stopped the
+/// training.
 pub fn train(
     panoramas: Vec<(String, Image<Linear>)>,
     plan: &Plan,

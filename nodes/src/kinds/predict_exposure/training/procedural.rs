@@ -29,7 +29,7 @@ impl Chance {
         low + (high - low) * self.next()
     }
 
-    /// Random number between `low` and `high` with a uniformly distributed logarithm.
+    /// Random number between `low` and `high` whose logarithm is uniformly distributed.
     fn ratio(&mut self, low: f64, high: f64) -> f64 {
         num::f64::exp2(self.between(num::f64::log2(low), num::f64::log2(high)))
     }
@@ -74,8 +74,8 @@ fn paint(colour: impl Fn(DVec3) -> DVec3) -> Image<Linear> {
     Image::from_samples(width, height, 3, (0..width * height).flat_map(pixel).collect())
 }
 
-/// Adds a light with a Gaussian profile of the given angular radius. `irradiance` is the irradiance of a
-/// plane that faces the light.
+/// Adds a light with a Gaussian profile of the given angular radius. `irradiance` is the irradiance on a plane that
+/// faces the light.
 fn add_disc(image: &mut Image<Linear>, toward: DVec3, radius: f64, irradiance: DVec3) {
     let (width, height) = (image.width, image.height);
     let fall = |x: usize, y: usize| {
@@ -272,7 +272,7 @@ fn indoors(chance: &mut Chance) -> Image<Linear> {
     image
 }
 
-/// The procedural panorama with number `index` for a given seed.
+/// Makes the procedural panorama with the given index, for the given seed.
 pub fn panorama(seed: u64, index: u32) -> Image<Linear> {
     let mut chance = Chance { key: hash(hash(seed as u32, (seed >> 32) as u32), index), count: 0 };
     if index.is_multiple_of(2) { outdoors(&mut chance) } else { indoors(&mut chance) }

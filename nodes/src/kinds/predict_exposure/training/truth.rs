@@ -32,15 +32,15 @@ pub struct Truth {
 /// Parameters of a photograph.
 #[derive(Debug, Clone, Copy)]
 pub struct Shot {
-    /// Stops above EV 0.
+    /// Exposure of the photograph, in stops above EV 0.
     pub ev: f64,
-    /// Gain of each channel.
+    /// Gain of each channel, which imitates the white balance.
     pub balance: [f64; 3],
     /// True if the picture is softened after clipping, as splats trained on it would be.
     pub soft: bool,
     /// Maximum random error added to each sample, in 8-bit codes, to imitate compression.
     pub grain: f64,
-    /// Seed of the grain.
+    /// Seed of the random numbers for the grain.
     pub seed: u32,
     /// Sine of the elevation below which all pixels are holes.
     pub hole: f64,
@@ -51,7 +51,7 @@ pub struct Shot {
 }
 
 impl Shot {
-    /// A photograph without defects.
+    /// Parameters of a photograph without defects.
     pub fn plain(ev: f64) -> Self {
         Self { ev, balance: [1.0; 3], soft: false, grain: 0.0, seed: 0, hole: -1.0, fine: false, glints: 0 }
     }
@@ -96,7 +96,7 @@ pub fn shrink((width, height): (usize, usize), rgb: &[f32], columns: usize) -> I
 }
 
 impl Truth {
-    /// Scales a panorama to EV 0. `None` if the panorama contains no light.
+    /// Scales the light of a panorama to EV 0. `None` if the panorama contains no light.
     pub fn new(panorama: Image<Linear>) -> Option<Self> {
         let size = (panorama.width, panorama.height);
         let fine = (size.0 > WIDTH).then_some(&panorama);
@@ -113,7 +113,7 @@ impl Truth {
         Some(Self { image: Image::clone(&env.image), fine, light })
     }
 
-    /// Panorama that a photograph is taken from.
+    /// The panorama, coarse or fine, from which a photograph is taken.
     fn taken(&self, shot: Shot) -> &Image<Linear> {
         self.fine.as_ref().filter(|_| shot.fine).unwrap_or(&self.image)
     }
@@ -191,7 +191,7 @@ impl Truth {
     }
 }
 
-/// Luminance of each glint pixel by its index, at most three times white.
+/// Luminance of each glint, keyed by the index of its pixel. It is at most three times white.
 fn glints(shot: Shot, (width, height): (usize, usize)) -> BTreeMap<usize, f64> {
     let key = hash(shot.seed, 1);
     let glint = |k: u32| {

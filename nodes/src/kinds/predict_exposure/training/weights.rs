@@ -10,7 +10,7 @@ use super::amount::Amount;
 use crate::error::Error;
 use crate::math::nn::Weights;
 
-/// Tensors of a network, in order.
+/// Names of the tensors of a network, in order.
 pub(super) const TENSORS: [&str; 5] =
     ["score.linear", "score.cell", "score.overview", "score.bias", "score.out"];
 
