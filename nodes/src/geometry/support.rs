@@ -4,8 +4,8 @@ use glam::{DMat3, DVec3};
 
 use crate::types::{Placed, Primitive};
 
-/// The bounding box of an object, and the position and size of its foot, which is the part near the ground. All are
-/// in world units.
+/// Bounding box of an object, and the position and size of its foot, which is the part of the object near the
+/// ground. All lengths are in world units.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Foot {
     /// Smallest coordinates of the object.
@@ -16,7 +16,8 @@ pub struct Foot {
     pub base: f64,
     /// Middle of the foot.
     pub middle: DVec3,
-    /// Half the size of the region in which the ground is examined: the foot and a margin around it.
+    /// Half the size of the region in which the ground is examined, which consists of the foot and a margin around
+    /// it.
     pub half: DVec3,
 }
 

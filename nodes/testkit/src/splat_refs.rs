@@ -1,4 +1,4 @@
-//! The float64 renders of `splat-refs`.
+//! Reference renders of `splat-refs`, computed in float64.
 
 use glam::{DMat3, DMat4, DVec3};
 use nodes::types::Camera;

@@ -20,8 +20,8 @@ use std::path::Path;
 use engine::{Artifact, Engine, Graph, RunOptions, Source, SourceRoot, Store, Wire};
 use nodes::types::{Brackets, Environment, Images, Mesh, Panorama, Placed, Report, Rig, Splats, Views};
 
-/// Permitted difference of metrics from their publications. This crate uses the rounded matrices, white points and
-/// curves of published tools.
+/// Permitted difference between metrics and their published definitions. It is not 0, because this crate uses the
+/// rounded matrices, white points and curves of published tools.
 const CONSTANTS: f64 = 1e-4;
 
 /// Errors of one output.
@@ -50,7 +50,7 @@ impl Run {
         Self { engine, graph }
     }
 
-    /// The value at the output `name`, as `node.port`.
+    /// The value of the output `name`, which has the form `node.port`.
     fn value<A: Artifact>(&self, name: &str) -> A {
         let (node, port) = name.split_once('.').unwrap();
         let node = self.graph.find(node).unwrap();

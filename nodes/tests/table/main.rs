@@ -12,7 +12,7 @@ use engine::{
     Digest, Engine, Event, Graph, ParamSpec, Registry, Role, RunOptions, Setting, Source, SourceRoot, State,
 };
 
-/// Results of a run of the fixture. For each node: its key, and the digests of its outputs.
+/// Results of a run of the fixture: for each node, by name, its key and the digests of its outputs.
 type Results = BTreeMap<String, (Digest, Vec<Digest>)>;
 
 struct Fixture {

@@ -1,4 +1,5 @@
-//! Summary of a splat scene: its size, up axis, floor, and whether its numbers are plausible for a capture.
+//! Summary of a splat scene: its size, up axis and floor, and warnings about values that are implausible for a
+//! capture.
 
 use engine::{Context, NodeError};
 use serde::Serialize;
@@ -38,9 +39,9 @@ pub struct Opacities {
 /// is 1/255.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Overdraw {
-    /// Mean over a panorama around the median of the centres.
+    /// Mean over all directions, seen from the median of the centres.
     pub from_inside: f64,
-    /// Mean over the disc that the core covers if seen from far away.
+    /// Mean over the disc that the core covers when seen from far away.
     pub from_outside: f64,
 }
 
@@ -67,7 +68,7 @@ pub struct Inspection {
     pub sizes: Option<Sizes>,
     /// Opacities.
     pub opacities: Option<Opacities>,
-    /// Number of splats per pixel.
+    /// Number of splats that overlap at a pixel.
     pub overdraw: Option<Overdraw>,
     /// Warnings.
     pub findings: Vec<Finding>,
@@ -336,8 +337,8 @@ mod tests {
         assert!((overdraw.from_inside / expected - 1.0).abs() < 1e-3, "{overdraw:?} {expected}");
     }
 
-    /// Sizes are not reported relative to a scene without extent. This test fails without `middle > 0.0` in front
-    /// of `relative > 0.05`.
+    /// Sizes are not reported relative to a scene without extent. This test fails if the condition `middle > 0.0`
+    /// before `relative > 0.05` is removed.
     #[test]
     fn scenes_without_extent_give_no_infinite_figures() {
         let reported = |change: fn(&mut Splats)| {

@@ -97,8 +97,8 @@ fn judge(
 }
 
 /// Finds the camera that sees a subject best. Candidates are in free space, and are compared by rendering small
-/// pictures. `hint` lists the positions of the cameras of the capture, in world units, because the scene is known
-/// to look right from there.
+/// pictures. `hint` lists the positions of the cameras of the capture, in world units, because the scene was
+/// captured from there and so looks right.
 pub fn best_view(
     splats: &Splats,
     grid: &Grid,

@@ -86,8 +86,8 @@ impl AddAssign for Work {
 }
 
 impl Work {
-    /// Adds the counts to the report, and notes about splats that were left out. `splats` is the number of
-    /// splats of the scene.
+    /// Reports the counts to `cx`, and adds notes about splats that were left out. `splats` is the number of splats
+    /// of the scene.
     pub(crate) fn report(&self, splats: usize, settings: &Settings, cx: &Context, notes: &mut Notes) {
         let near = settings.near;
         cx.count("splats_visited", self.visited);
@@ -133,7 +133,7 @@ impl Work {
     }
 }
 
-/// View of one camera.
+/// The rendered view of one camera.
 pub struct Rendered {
     /// Premultiplied RGB and alpha of each pixel, row by row.
     pub rgba: Vec<f32>,
@@ -141,8 +141,8 @@ pub struct Rendered {
     pub depth: Vec<f32>,
     /// Number of splats blended into each pixel; empty unless they are counted.
     pub blends: Vec<f32>,
-    /// Mean depth of the front sheet of splats: less noisy than the depth of one splat, and not nearer than the sheet.
-    /// Empty for panoramas and for depth modes other than `RayMedian`.
+    /// Mean depth of the splats that represent the front surface at each pixel. It is less noisy than the depth of
+    /// one splat, and no nearer than this surface. Empty for panoramas and for depth modes other than `RayMedian`.
     pub front: Vec<f32>,
     /// Relative difference between the mean depth of the blended splats and `depth`: near 0 where one surface is
     /// visible, large where several are. Empty for panoramas and for depth modes other than `RayMedian`.
@@ -154,7 +154,7 @@ pub struct Rendered {
     pub seconds: [f64; 4],
 }
 
-/// Returns the time in seconds.
+/// Function that returns the current time in seconds.
 pub type Clock<'a> = &'a (dyn Fn() -> f64 + Sync);
 
 /// Maximum number of pixels of a picture.

@@ -22,7 +22,9 @@ const HELD_SIGMAS: f64 = 2.0;
 /// covariance.
 const THINNEST: f64 = 1e-3;
 
-/// Maximum relative difference between the inverse depth of a splat and the mean of its sheet.
+/// Maximum relative difference between the inverse depth of the peak of a splat and the mean inverse depth of a
+/// sheet, for the splat to belong to the sheet. A sheet is a group of consecutive splats along a ray that represent
+/// one surface.
 pub(super) const SHEET: f64 = 0.02;
 
 /// Minimum transmittance at which a splat of a sheet has full weight in the mean of the sheet. At lower

@@ -48,7 +48,7 @@ pub(super) struct Entry {
     pub index: u32,
     /// First column of tiles.
     pub x0: u16,
-    /// End of the columns of tiles, with the same meaning as in [`TileRange`].
+    /// End of the range of columns of tiles (exclusive), as in [`TileRange`].
     pub x1: u16,
 }
 
@@ -56,8 +56,9 @@ pub(super) struct Entry {
 #[derive(Default)]
 struct Chunk {
     footprints: Vec<Footprint>,
-    /// For each splat, the distance by which its centre must lie in front of the limit for the splat to be drawn,
-    /// in world units. Empty if there is no limit or all of these distances are 0.
+    /// For each splat, the distance by which its centre must lie in front of the limiting surface (see
+    /// [`Limit`](super::Limit)) for the splat to be drawn, in world units. Empty if there is no such surface or all
+    /// of these distances are 0.
     margins: Vec<f32>,
     /// Peak of each footprint along rays, for `RayMedian`.
     peaks: Vec<Peak>,
@@ -126,8 +127,8 @@ impl Projected {
         &self.chunks[(index >> CHUNK_BITS) as usize].footprints[index as usize % CHUNK]
     }
 
-    /// Distance by which the centre of a splat must lie in front of the limit for the splat to be drawn, in world
-    /// units. `index` is the index of its footprint.
+    /// Distance by which the centre of a splat must lie in front of the limiting surface for the splat to be drawn,
+    /// in world units. `index` is the index of the footprint of the splat.
     #[inline(always)]
     pub(super) fn margin(&self, index: u32) -> f32 {
         let margins = &self.chunks[(index >> CHUNK_BITS) as usize].margins;
@@ -253,7 +254,7 @@ struct Projection<'a, L> {
     degree: u32,
     /// Same as `sigmas` of [`Limit`](super::Limit); 0 if there is no limit.
     limit_sigmas: f64,
-    /// False if every splat is drawn everywhere.
+    /// True if each splat is evaluated only within its bounds, false if at every pixel.
     bounded: bool,
     /// Maximum extent of a splat, in standard deviations along its longest axis, without the part in `beyond`.
     sigmas: f64,

@@ -50,8 +50,8 @@ pub(super) fn basis(degree: u32, [x, y, z]: [f32; 3]) -> [f32; MAX_LEN] {
     b
 }
 
-/// Largest colour value, where white is 1. Converted to linear light, with an exponent of 2.4, it is still a finite
-/// f32.
+/// Largest colour value, where white is 1. After conversion to linear light, which has an exponent of 2.4, the
+/// value is still a finite f32.
 pub(super) const LARGEST: f32 = 1e15;
 
 /// Colour of a splat seen along `direction`: the sum over `coefficients`, plus one half, not below 0. Values above

@@ -1,5 +1,5 @@
-//! Cost of repeatedly rotating the object with two samples per pixel. Prints the CPU seconds, and a digest of the
-//! pictures, which shows whether a change of the program affects only its speed.
+//! Cost of rendering with two samples per pixel after each of several rotations of the object. Prints the CPU
+//! seconds, and a digest of the pictures, which shows whether a change of the program affects only its speed.
 
 use nodes::kinds::path_trace::surroundings::Surroundings;
 use testkit::{Case, Data, denoised};

@@ -1,6 +1,6 @@
-//! Tests of the rows of the table of numerical extremes. Each test compares the renderer with the textbook
-//! implementation in f64, with a formula or with an invariant. Rows about files are tested with their loaders. Rows
-//! about panoramas are tested with `stitch` and in `panorama`.
+//! Tests with extreme numerical values, one for each row of the table of extremes. Each test compares the renderer
+//! with the textbook implementation in f64, with a formula or with an invariant. The rows about files are tested in
+//! the modules of the loaders, and the rows about panoramas in those of `stitch` and in `panorama`.
 
 use engine::Up;
 
@@ -10,7 +10,7 @@ use crate::testing::row;
 
 const FAST: Settings = Settings { precision: Precision::F32, ..F64 };
 
-/// Alpha of one round splat at a pixel, computed by the formula alone.
+/// Alpha of one round splat at a pixel, computed directly from the formula of a projected Gaussian.
 fn alpha_at(camera: &Camera, sigma: f64, z: f64, opacity: f64, x: usize, y: usize) -> f64 {
     let size = camera.fx * sigma / z;
     let variance = size * size + 0.3;
@@ -19,7 +19,7 @@ fn alpha_at(camera: &Camera, sigma: f64, z: f64, opacity: f64, x: usize, y: usiz
     if alpha < 1.0 / 255.0 { 0.0 } else { alpha }
 }
 
-/// Largest deviation of alpha from the formula.
+/// Largest deviation of rendered alphas from [`alpha_at`].
 fn off_the_formula(sigma: f32, opacity: f32) -> f64 {
     let camera = camera(31, 31, 50.0);
     let splat = one([0.0, 0.0, 3.0], [sigma; 3], opacity, [1.0; 3]);
@@ -35,7 +35,7 @@ fn off_the_formula(sigma: f32, opacity: f32) -> f64 {
     largest
 }
 
-/// Splats that are in the scene but invisible change no bit.
+/// Invisible splats do not change a bit of the picture.
 #[test]
 fn what_cannot_be_seen_changes_no_bit() {
     let splats = cloud(200, 51);
