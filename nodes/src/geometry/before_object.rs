@@ -25,7 +25,7 @@ const BEFORE: f32 = 0.85;
 const PIXELS: u64 = 40;
 
 /// Pixels at which solid splats are in front of an object, as a share of all pixels at which an object is visible;
-/// 0 if there are fewer than [`PIXELS`] of the latter.
+/// 0 if objects are visible at only a few pixels.
 pub fn share(depths: &Depths<'_>) -> f64 {
     let (mut objects, mut before) = (0_u64, 0_u64);
     let mesh = depths.surface.iter().zip(depths.objects);

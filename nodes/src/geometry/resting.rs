@@ -13,7 +13,7 @@ const DEVIATIONS: f64 = 2.5;
 /// Number of successive rotations that bring an object to rest on its contacts. Each rotation is much smaller than
 /// the previous one.
 const TURNS: u32 = 4;
-/// Maximum number of times that a contact is exchanged for a higher one.
+/// Maximum number of times that one of the three contacts of the plane is replaced with a higher contact.
 const EXCHANGES: u32 = 1000;
 
 /// A mesh below an object. Its coordinates are in world units, relative to a point at the foot of the object.

@@ -116,7 +116,7 @@ pub fn on_splats(
     let covered: f64 =
         own.clone().flat_map(|y| own.clone().map(move |x| (x, y))).map(|(x, y)| alpha(x, y)).sum();
     if covered < COVERED * (own.clone().count() * own.count()) as f64 {
-        let what = "the background: less than half of it is covered by splats";
+        let what = "the background, since splats cover less than half of the pixel";
         return Err(nothing(camera, pixel, what).hint("choose a pixel that shows the ground"));
     }
     let world = camera.world_from_camera();

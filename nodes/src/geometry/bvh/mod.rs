@@ -62,7 +62,7 @@ const WIDE: usize = 8;
 #[repr(align(32))]
 struct Node {
     bounds: [[[f32; WIDE]; 2]; 3],
-    /// Each child is the index of a node or a leaf. A leaf has the bit [`LEAF`], the number of packets in bits 26
+    /// Each entry is the index of a node, or a leaf. A leaf has the bit [`LEAF`], the number of packets in bits 26
     /// to 30, and the index of the first packet in the lower bits.
     children: [u32; WIDE],
 }

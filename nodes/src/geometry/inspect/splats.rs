@@ -188,7 +188,7 @@ fn findings(
             // The size of splats relative to the scene is undefined if all lie at one point.
             middle > 0.0 && relative > 0.05,
             format!(
-                "half of the splats are larger than {:.0} % of the scene; their scales may have been exponentiated twice",
+                "half of the splats are larger than {:.0} % of the size of the scene; the scales may have been exponentiated twice",
                 relative * 100.0
             ),
         ),
@@ -196,7 +196,7 @@ fn findings(
             "scales-tiny",
             middle > 0.0 && relative < 1e-6,
             format!(
-                "half of the splats are smaller than {relative:.1e} of the scene, so nothing would be visible"
+                "half of the splats are smaller than {relative:.1e} times the size of the scene, so nothing would be visible"
             ),
         ),
         (
@@ -226,7 +226,7 @@ fn findings(
             "far-splats",
             middle > 0.0 && all > 30.0 * middle,
             format!(
-                "the bounding box of all splats is {:.0} times as large as the bounding box of most of them",
+                "the bounding box of all splats is {:.0} times as large as the bounding box of most splats",
                 all / middle
             ),
         ),

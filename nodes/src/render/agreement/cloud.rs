@@ -22,7 +22,7 @@ pub(super) struct Cloud {
     planes: Vec<(u8, f64)>,
     /// Bounding box of the points.
     bounds: [DVec3; 2],
-    /// Mean distance between neighbouring points, in units of the mesh.
+    /// Mean distance between neighbouring points, in the units of the mesh.
     pub spacing: f64,
     /// Median of the coordinates of the points along each axis.
     pub middle: DVec3,

@@ -36,8 +36,8 @@ const VIEWS: u8 = 2;
 /// Part of the field in one cube.
 pub struct Block {
     pub cube: Cube,
-    /// Distance from each corner to the surface, in world units, negative behind the surface; 0 where no view shows
-    /// it.
+    /// Distance from each corner to the surface, in world units, negative behind the surface; 0 if no view shows
+    /// the corner.
     pub(super) distance: Box<[f32; ALL]>,
     /// Standard deviation of the distances that views report at the surface, in world units.
     pub(super) deviation: f32,

@@ -14,12 +14,13 @@ use crate::types::{Object, Rig, Splats};
 const KNOWN: f64 = 0.5;
 /// Range of heights above the floor at which objects are placed, in metres, if the scale is known.
 const HEIGHTS: [f64; 2] = [-0.1, 1.15];
-/// Minimum radius of a level surface that is used if there is no floor, in radii of the scene.
+/// Minimum radius of a level surface on which the object is placed if the scene has no floor, as a share of the
+/// radius of the scene.
 const SMALL: f64 = 0.1;
-/// Distance of the inserted object from the middle of the scene, in radii of the scene, if the scene is a captured
-/// object without ground.
+/// Distance from the middle of the scene to the inserted object, as a share of the radius of the scene, if the
+/// scene is a captured object without ground.
 const ASIDE: f64 = 0.35;
-/// Largest radius of an object, as a fraction of the distance from its place to the edge of the surface.
+/// Maximum radius of an object, as a share of the distance from its place to the edge of the surface.
 const ROOM: f64 = 0.7;
 
 /// Bounding box of an object in the frame of its file: y up, in metres.

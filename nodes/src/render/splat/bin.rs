@@ -1,5 +1,5 @@
-//! Groups of tiles whose lists are in memory together. For each group, the footprints of each row of tiles are
-//! sorted by a stable sort and then listed by tile.
+//! Groups of tiles whose lists are in memory at the same time. For each group, the footprints of each row of tiles
+//! are sorted by a stable sort and then listed by tile.
 
 use std::ops::Range;
 
@@ -12,7 +12,7 @@ use super::project::{Entry, Footprint, Projected};
 use super::settings::{LIST_BYTES, TILE};
 use super::{Bounds, Settings};
 
-/// Tiles whose lists are in memory together: a rectangle of rows and columns of tiles.
+/// A rectangle of tiles whose lists are in memory at the same time.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Group {
     rows: Range<usize>,

@@ -114,18 +114,21 @@ impl Work {
         if self.projected * 100 < splats as u64 {
             let most = |count: u64| count * 2 >= self.visited + self.skipped;
             let why = if splats > 0 && most(self.faint) {
-                format!("most have an opacity of 0 or below `alpha_cut` ({:.6})", settings.alpha_cut)
+                format!(
+                    "most splats have an opacity that is 0 or below `alpha_cut` ({:.6})",
+                    settings.alpha_cut
+                )
             } else if most(self.behind) {
                 format!(
-                    "most are behind the camera or nearer than `near` ({near} world units): is `near` too large for this scene, or does the camera look away from it?"
+                    "most splats are behind the camera or nearer than `near` ({near} world units); check that `near` is not too large for this scene, and that the camera looks towards it"
                 )
             } else if self.degenerate > self.projected {
                 format!(
-                    "the footprints of {} are not finite ellipses: are their scales correct?",
+                    "footprints that are not finite ellipses were left out ({}); check the scales of the splats",
                     self.degenerate
                 )
             } else {
-                "do the camera and the splats use the same frame and scale?".to_owned()
+                "check that the camera and the splats use the same frame and scale".to_owned()
             };
             let text = format!("{} of {splats} splats are visible; {why}", self.projected);
             notes.warning("few-splats-seen", text);

@@ -55,7 +55,7 @@ pub(crate) fn warning(share: f64, near_m: f64, near: f64, view: &str) -> Option<
     (share >= REPORTED).then(|| {
         format!(
             "`near`, which is {near_m} m ({near} world units), cuts away {:.0} % of the solid splats in front of the \
-             eye{view}: lower it, or set `metres_per_unit` if a unit of the scene is not a metre",
+             eye{view}; use a smaller `near`, or set `metres_per_unit` if a unit of the scene is not a metre",
             100.0 * share
         )
     })

@@ -59,7 +59,7 @@ pub(super) struct Peak {
 }
 
 impl Peak {
-    /// Placeholder for buffers.
+    /// Placeholder for buffers that are filled later.
     pub(super) const NONE: Self =
         Self { inverse: 0.0, across: 0.0, down: 0.0, xx: 0.0, xy: 0.0, yy: 0.0, least: 0.0, most: 0.0 };
 

@@ -60,7 +60,7 @@ struct Chunk {
     /// [`Limit`](super::Limit)) for the splat to be drawn, in world units. Empty if there is no such surface or all
     /// of these distances are 0.
     margins: Vec<f32>,
-    /// Peak of each footprint along rays, for `RayMedian`.
+    /// Peak of each footprint, for `RayMedian`.
     peaks: Vec<Peak>,
     reaches: Vec<(u64, TileRange)>,
     skipped: u64,
@@ -135,7 +135,7 @@ impl Projected {
         margins.get(index as usize % CHUNK).copied().unwrap_or(0.0)
     }
 
-    /// Peak of a footprint along rays, for `RayMedian`.
+    /// Peak of the footprint with this index, for `RayMedian`.
     #[inline(always)]
     pub(super) fn peak(&self, index: u32) -> &Peak {
         let peaks = &self.chunks[(index >> CHUNK_BITS) as usize].peaks;
@@ -157,7 +157,7 @@ impl Projected {
 }
 
 impl Footprint {
-    /// Placeholder for buffers.
+    /// Placeholder for buffers that are filled later.
     pub(super) const NONE: Self = Self {
         u: 0.0,
         v: 0.0,

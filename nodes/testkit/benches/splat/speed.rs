@@ -30,7 +30,7 @@ pub fn table(bench: &Bench) {
     let scene = bench.garden();
     let settings = Settings::default();
     println!(
-        "{} splats, 640x480, `Exact`, `F32`, one thread; G is 10^9 evaluations a CPU second\n",
+        "{} splats, 640x480, `Exact`, `F32`, one thread; G is 10^9 evaluations per CPU second\n",
         scene.len()
     );
     println!(

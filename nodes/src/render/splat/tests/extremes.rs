@@ -1,6 +1,7 @@
-//! Tests with extreme numerical values, one for each row of the table of extremes. Each test compares the renderer
-//! with the textbook implementation in f64, with a formula or with an invariant. The rows about files are tested in
-//! the modules of the loaders, and the rows about panoramas in those of `stitch` and in `panorama`.
+//! Tests with extreme numerical values, for the rows of `docs/evidence/extremes.md` about rendering splats. Each
+//! test compares the renderer with the textbook implementation in f64, with a formula or with an invariant. The
+//! rows about files are tested in the modules of the loaders, and the rows about panoramas in those of `stitch` and
+//! in `panorama`.
 
 use engine::Up;
 
@@ -160,8 +161,9 @@ fn needles_are_exact() {
     }
 }
 
-/// Stopping early changes a deep pile by less than the remaining transmittance. The splat that would reduce the
-/// transmittance of a pixel below `stop` is left out, as in the renderers that captures are trained with.
+/// Stopping early changes the colour of a pixel with many splats by less than the remaining transmittance. The
+/// splat that would reduce the transmittance of a pixel below `stop` is left out, as in the renderers that captures
+/// are trained with.
 #[test]
 fn stopping_early_costs_what_it_says() {
     let mut random = Random(4);
