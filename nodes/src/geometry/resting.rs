@@ -146,7 +146,7 @@ impl Relief<'_> {
     }
 }
 
-/// The centroid of the surface of some triangles.
+/// Centroid of the surface of the triangles, weighted by area.
 fn centroid(triangles: &[[DVec3; 3]]) -> DVec3 {
     let (sum, area) = triangles.iter().fold((DVec3::ZERO, 0.0), |(sum, area), &[a, b, c]| {
         let own = (b - a).cross(c - a).length();

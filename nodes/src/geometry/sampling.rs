@@ -72,8 +72,7 @@ impl Points {
     }
 
     /// Returns the points of sub-sample `number` of `count` sub-samples of this sample. If `count` is a power of 2,
-    /// the sub-samples of any aligned block of 2^k samples are together stratified like `count` times as many
-    /// samples.
+    /// all sub-samples of an aligned block of 2^k samples are together stratified as well as `count * 2^k` samples.
     #[inline]
     pub fn twig(&self, number: u32, count: u32) -> Self {
         Self { stream: self.stream, index: self.index.wrapping_mul(count).wrapping_add(number) }

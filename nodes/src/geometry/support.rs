@@ -43,7 +43,7 @@ pub fn triangles(placed: &Placed) -> Vec<[DVec3; 3]> {
     placed.object.primitives.iter().flat_map(of).collect()
 }
 
-/// Smallest and largest coordinates of some points. `None` if there are no points.
+/// Smallest and largest coordinates of the points. `None` if there are no points.
 fn around(points: impl Iterator<Item = DVec3>) -> Option<(DVec3, DVec3)> {
     points.map(|p| (p, p)).reduce(|(low, high), (p, _)| (low.min(p), high.max(p)))
 }
@@ -106,8 +106,8 @@ impl Level {
     }
 }
 
-/// The median of some numbers. If their count is even, this is the larger of the two middle numbers, not their mean.
-/// `None` if there are no numbers.
+/// Median of the values. If their number is even, this is the larger of the two middle numbers, not their mean.
+/// `None` if there are no values.
 pub fn median(mut values: Vec<f64>) -> Option<f64> {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied()

@@ -112,7 +112,7 @@ impl Case {
         self.traced(&params, seed, true)
     }
 
-    /// Same as [`trace`](Self::trace), with the given `crop`.
+    /// Same as [`trace`](Self::trace), but with the given `crop`.
     pub fn cropped(
         &self,
         seed: u64,

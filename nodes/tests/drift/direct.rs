@@ -161,8 +161,8 @@ fn places(pixel: u32, edges: [f64; 2]) -> Vec<(f64, f64)> {
     cuts.windows(2).flat_map(piece).collect()
 }
 
-/// Light reflected by a matte level surface at a height, as the mean over 3 by 3 positions in each piece of a
-/// pixel.
+/// Light that a matte level surface at a given height reflects to each pixel, as the mean over 3 by 3 positions in
+/// each piece of the pixel.
 fn summed(
     camera: &Camera,
     directions: &[(DVec3, [f64; 3])],

@@ -28,7 +28,7 @@ pub fn light(pixel: &[f64]) -> [f64; 4] {
     [linear(0), linear(1), linear(2), alpha]
 }
 
-/// Panorama with z up, made of some views. Returns the display values and the visible share of each pixel. Each
+/// Stitches views to a panorama with z up. Returns the display values and the visible share of each pixel. Each
 /// pixel is the mean of 12x12 samples, weighted by solid angle.
 pub fn stitch(views: &Views, width: usize) -> (Vec<f64>, Vec<f64>) {
     const ACROSS: usize = 12;

@@ -157,7 +157,8 @@ fn values_outside_their_range_are_refused() {
     }
 }
 
-/// Every value of every quality setting is valid for its node, and graphs with any preset are valid.
+/// Every value of every quality setting is valid for its node, and each preset gives all quality settings their
+/// values for the preset.
 #[test]
 fn every_value_of_a_knob_is_one_that_its_node_takes() {
     let fixture = shared();

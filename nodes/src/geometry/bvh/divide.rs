@@ -37,8 +37,8 @@ fn surface((low, high): Box3) -> f32 {
     if size.min_element() < 0.0 { 0.0 } else { size.x * size.y + size.y * size.z + size.z * size.x }
 }
 
-/// Calls `f` for every index below `n` and returns the results in order. With a context, the calls are distributed
-/// over the threads of the node.
+/// Calls `f` for every index below `n` and returns the results in the order of the indices. With a context, the
+/// calls are distributed over the threads of the node.
 pub(crate) fn each<T: Send>(
     cx: Option<&Context>,
     n: usize,

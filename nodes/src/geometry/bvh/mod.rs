@@ -2,8 +2,9 @@
 //!
 //! `obvhs` builds a binary tree, which is converted to a tree with eight children per node. Box tests are
 //! conservative and the triangle test is watertight, so a hit does not depend on the shape of the tree. Of several
-//! hits the one with the smallest `t` counts, and of equal ones the one with the smallest triangle index. Vector
-//! code uses lane-wise arithmetic only, so the bits are the same on every platform with any instruction set.
+//! hits, the hit with the smallest `t` counts. If several hits have this `t`, the hit with the smallest triangle
+//! index counts. Vector code uses lane-wise arithmetic only, so the bits are the same on every platform with any
+//! instruction set.
 
 mod build;
 mod collapse;

@@ -78,8 +78,8 @@ struct Patch {
     /// Unit normal. `None` if the piece is not flat.
     normal: Option<[f64; 3]>,
     weight: f64,
-    /// Contribution of the piece to the variance of a sum of weights. For one observation this is the square of the
-    /// weight.
+    /// Contribution of the piece to the variance of a sum of weights. For a piece that counts as one observation,
+    /// this is the square of its weight.
     variance: f64,
 }
 

@@ -47,8 +47,8 @@ const SIMILAR: f64 = 0.06;
 /// Minimum share of the points at which the mesh must be visible for its agreement at these points alone to be
 /// considered.
 const PART: f64 = 0.02;
-/// Minimum agreement, at the points where the mesh is visible, for a mesh of only a part of the place to count as
-/// being in the frame of the splats.
+/// Minimum agreement, at the points where the mesh is visible, at which a mesh that covers only a part of the place
+/// counts as being in the frame of the splats.
 const PART_AGREES: f64 = 0.9;
 /// If the agreement is below this value, and the agreement where the mesh is visible is below [`PART_DISAGREES`],
 /// splats and mesh are reported as being in different frames even if no transform is found.

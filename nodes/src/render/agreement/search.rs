@@ -1,5 +1,5 @@
-//! Searches for the transform that brings a mesh to the splats. Quarter turns, scale factors and shifts are tried,
-//! and the best ones are refined.
+//! Searches for the transform that brings a mesh to the splats. Rotations by quarter turns, scale factors and
+//! shifts are tried, and the best combinations are refined.
 
 use glam::{DMat3, DVec3};
 

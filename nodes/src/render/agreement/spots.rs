@@ -236,7 +236,7 @@ fn balance(list: &mut [Spot]) {
 }
 
 /// Median of the standard deviations along the middle axis, over the opaque splats whose distance from the eye of
-/// any view is less than `limit`.
+/// at least one view is less than `limit`.
 fn size(splats: &Splats, sights: &[Sight], limit: f64) -> f64 {
     let step = (splats.len() / MEASURED).max(1);
     let near = |i: usize| sights.iter().any(|sight| (splats.mean(i) - sight.camera.eye()).length() < limit);

@@ -26,7 +26,7 @@ pub struct Fit {
     pub backs: f64,
 }
 
-/// Same camera with a resolution of at most [`SIDE_PX`] pixels per side.
+/// The same camera, with a picture of at most [`SIDE_PX`] pixels per side.
 fn small(camera: &Camera) -> Camera {
     let scale = (f64::from(SIDE_PX) / f64::from(camera.width_px.max(camera.height_px))).min(1.0);
     let pixels = |px: u32| ((f64::from(px) * scale).round() as u32).max(1);

@@ -238,7 +238,7 @@ impl Field<'_> {
     }
 }
 
-/// Results of `of` for every index below `count`, computed in parallel and returned in order.
+/// Calls `of` for every index below `count` in parallel. Returns the results in the order of the indices.
 fn tiled<T: Send>(count: usize, of: &(dyn Fn(usize) -> T + Sync), cx: &Context) -> Result<Vec<T>, NodeError> {
     const TILE: usize = 64;
     let groups = cx.for_each_tile(count.div_ceil(TILE), |tile| {

@@ -18,9 +18,9 @@ const BORDER: f64 = 10.0;
 const TURNED: f64 = 0.3;
 /// Number of triangles after which the code checks again whether the run was cancelled.
 const CHECKED: usize = 1 << 12;
-/// Shares of the squared error that the first passes allow, in order.
+/// Shares of the maximum squared error that the first passes allow, one for each pass.
 const SHARES: [f64; 5] = [0.0004, 0.004, 0.02, 0.1, 0.3];
-/// Maximum number of further passes, which allow all of the error.
+/// Maximum number of further passes, which allow the whole maximum squared error.
 const LAST_PASSES: usize = 6;
 
 /// Weighted sum of squared distances from planes, as a function of the position x: `x.A x + 2 b.x + c`.
@@ -87,7 +87,7 @@ struct Mesh<'a> {
     levels: Vec<u8>,
     seen: Vec<Seen>,
     quadrics: Vec<Quadric>,
-    /// Indices of the triangles at each point, some of which may have been removed.
+    /// For each point, the indices of the triangles that contain it. Some of these triangles may have been removed.
     at: Vec<Vec<u32>>,
     triangles: Vec<[u32; 3]>,
     gone: Vec<bool>,

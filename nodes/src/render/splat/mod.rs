@@ -61,11 +61,11 @@ pub struct Work {
     pub degenerate: u64,
     /// Number of splats with a colour that was clamped to the maximum or overflowed.
     pub held: u64,
-    /// Number of pairs of a splat and a tile.
+    /// Number of pairs of a splat and a tile that lists it.
     pub tile_pairs: u64,
-    /// Number of evaluations of a splat at a pixel.
+    /// Number of times that a splat was evaluated at a pixel.
     pub evaluations: u64,
-    /// Number of blends of a splat into a pixel.
+    /// Number of times that a splat was blended into a pixel.
     pub blends: u64,
 }
 
@@ -194,7 +194,8 @@ pub fn render(
     render_with(splats, None, camera, limit, settings, cx)
 }
 
-/// Same as [`render`], but skips blocks that are not visible. Used to render several pictures of a scene.
+/// Same as [`render`], but skips blocks of splats that are not visible, if `blocks` is given. Used to render
+/// several pictures of a scene.
 pub fn render_with(
     splats: &Splats,
     blocks: Option<&Blocks>,

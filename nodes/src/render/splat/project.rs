@@ -102,8 +102,8 @@ impl Projected {
         })
     }
 
-    /// For each of the first `rows` rows of tiles: the number of footprints that touch it, and an upper bound of
-    /// the number of pairs of a footprint and a tile in it.
+    /// Returns two numbers for each of the first `rows` rows of tiles: the number of footprints that touch the row,
+    /// and an upper bound of the number of pairs of a footprint and a tile of the row that it touches.
     pub(super) fn in_rows(&self, rows: usize) -> Vec<[u64; 2]> {
         // Differences between consecutive rows; negative differences wrap around.
         let mut sums = vec![[0_u64; 2]; rows + 1];
@@ -304,7 +304,7 @@ impl<'a, L: CameraModel> Projection<'a, L> {
         })
     }
 
-    /// Vectors from the eye to the centres of some splats, as one array per coordinate.
+    /// Vectors from the eye to the centres of the splats in `range`, as one array per coordinate.
     #[inline(always)]
     fn offsets(&self, range: Range<usize>) -> [[f64; BLOCK]; 3] {
         let mut offsets = [[0.0; BLOCK]; 3];

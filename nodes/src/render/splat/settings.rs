@@ -53,7 +53,7 @@ engine::choices! {
         /// Depth of the splat at which transmittance falls to one half or below; +inf if it stays above one half.
         Median,
         /// Same as `Expected`, but each weight is multiplied again by the transmittance in front of the splat.
-        /// Splats seen through others count less, so the depth is closer to the first surface.
+        /// Splats that are seen through other splats count less, so the depth is closer to the first surface.
         Transmittance,
         /// Same as `Median`, but uses the depth at which the splat is densest along the ray of the pixel, at most
         /// two standard deviations in depth from its centre. This estimates the surface that the splats represent.
@@ -152,7 +152,7 @@ impl Drawing {
     }
 }
 
-/// Settings of the renderer: those of [`Drawing`], resolved for a scene and a run, and the sort key.
+/// Settings of the renderer: the settings of [`Drawing`], resolved for a scene and a run, and the sort key.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
     /// Pixels at which a splat is evaluated.
@@ -167,8 +167,8 @@ pub struct Settings {
     pub near: f64,
     /// Variance added to both axes of the footprint, in square pixels.
     pub low_pass_px2: f64,
-    /// True if the opacity of a splat is multiplied by the ratio of the areas of its footprint without and with the
-    /// low-pass filter.
+    /// True if the opacity of a splat is multiplied by the area of its footprint without the low-pass filter,
+    /// divided by the area with it.
     pub compensate: bool,
     /// Smallest alpha that is blended.
     pub alpha_cut: f64,

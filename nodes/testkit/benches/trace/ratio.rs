@@ -26,9 +26,9 @@ fn errors(alpha: &Images, [r0, r1]: [&Images; 2], [b0, b1]: &[Vec<f32>; 2]) -> [
     [0, 1].map(|k| (sums[k] / f64::max(counts[k], 1.0)).sqrt())
 }
 
-/// Prints the table. If `small`, only checks that it runs. The cost of a new picture after a move of the object is
-/// the sum of all columns of seconds. After a rotation, `without` is still valid, so the cost is the sum of the
-/// columns of the objects and of the filter.
+/// Prints the table. If `small`, only checks that it runs. The sum of all columns of seconds is the cost of a new
+/// picture after the object was moved. After the object was only rotated, `without` is still valid, so the cost is
+/// the sum of the columns for the objects and the filter.
 pub fn table(data: &Data, numbers: &[u32], small: bool) {
     let (seeds, most) = if small { (1, 8) } else { (SEEDS, 128) };
     let case = Case::load(data, "sunny_plane");

@@ -1,4 +1,4 @@
-//! Cost of rendering with two samples per pixel after each of several rotations of the object. Prints the CPU
+//! Measures the cost of repeatedly rotating the object and rendering it with two samples per pixel. Prints the CPU
 //! seconds, and a digest of the pictures, which shows whether a change of the program affects only its speed.
 
 use nodes::kinds::path_trace::surroundings::Surroundings;

@@ -1,7 +1,7 @@
 //! Tests with extreme numerical values, for the rows of `docs/evidence/extremes.md` about rendering splats. Each
 //! test compares the renderer with the textbook implementation in f64, with a formula or with an invariant. The
-//! rows about files are tested in the modules of the loaders, and the rows about panoramas in those of `stitch` and
-//! in `panorama`.
+//! rows about files are tested in the modules of the loaders, and the rows about panoramas in the modules `stitch`
+//! and `panorama`.
 
 use engine::Up;
 
@@ -63,7 +63,8 @@ fn what_cannot_be_seen_changes_no_bit() {
     }
 }
 
-/// A splat of the largest size in a file covers all pixels, with one evaluation each.
+/// A huge splat, up to the largest scale in f32, is evaluated at most once per pixel. It covers all pixels, or is
+/// counted as degenerate.
 #[test]
 fn huge_splats_cost_one_evaluation_a_pixel() {
     let camera = camera(64, 48, 60.0);
