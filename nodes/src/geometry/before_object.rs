@@ -1,4 +1,4 @@
-//! Finds splats in front of inserted objects, by the depths of a rendered view.
+//! Finds splats in front of inserted objects by comparing the depths in a rendered view.
 
 /// Depths and coverages of one view. All lists have one number per pixel.
 #[derive(Debug, Clone, Copy)]

@@ -254,8 +254,8 @@ fn no_error_drifts() {
     assert_eq!(text.lines().count(), known.lines().count());
 }
 
-/// The light of each pixel agrees with the sum over all directions within its reported variance, and the mean
-/// difference is 0 within its standard error.
+/// The light of each pixel agrees with the sum over all directions, within the noise that its reported variance
+/// predicts. The mean of the differences is 0 within its standard error.
 #[test]
 fn direct_light_is_that_of_all_directions() {
     let direct = direct::Direct::new(64);

@@ -60,8 +60,8 @@ pub fn stitch(views: &Views, width: usize) -> (Vec<f64>, Vec<f64>) {
     (colours, seen)
 }
 
-/// Mean of all views in a direction. The weight of a view increases with the distance from its border, by a smooth
-/// step over 8 % of its shorter side.
+/// Mean of all views in a direction. The weight of a view increases with the distance from the border of the view,
+/// by a smooth step over 8 % of the shorter side of the view.
 fn around(views: &Views, faces: &[Vec<[f64; 4]>], direction: DVec3) -> [f64; 4] {
     let (mut sum, mut total) = ([0.0; 4], 0.0);
     for (view, pixels) in views.0.iter().zip(faces) {
@@ -276,7 +276,8 @@ pub fn scores([a, b]: &[Vec<f64>; 2], width: usize) -> Vec<f64> {
     ]
 }
 
-/// SSIM of every pixel, averaged over three channels: Gaussian weights of sigma 1.5 over 11x11 pixels.
+/// SSIM of every pixel, averaged over three channels. The window has 11x11 pixels with Gaussian weights of sigma
+/// 1.5.
 fn similarity(a: &[f64], b: &[f64], width: usize) -> Vec<f64> {
     let height = a.len() / 3 / width;
     let gauss = |d: i64| num::f64::exp(-(d * d) as f64 / 4.5);

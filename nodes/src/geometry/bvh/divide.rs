@@ -11,7 +11,8 @@ use super::collapse::Branch;
 const BINS: usize = 32;
 /// Approximate number of pieces into which all triangles are divided.
 const PIECES: usize = 32;
-/// Each side of a division has at least 1 in this number of the items. This limits the number of levels.
+/// Reciprocal of the minimum share of the items on each side of a division: with 5, each side has at least a fifth
+/// of the items. This limits the number of levels.
 const LEAST: usize = 5;
 /// Maximum number of levels of divisions. It is sufficient, since `0.8^16 < 1 / PIECES`.
 const MOST_LEVELS: usize = 16;

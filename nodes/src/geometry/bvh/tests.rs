@@ -38,7 +38,7 @@ fn brute(corners: &[[Vec3; 3]], ray: Ray) -> Option<(f64, usize)> {
     best
 }
 
-/// Number of triangles that a ray crosses away from their edges, in f64.
+/// Number of triangles that a ray crosses away from their edges, computed in f64.
 fn crossed(corners: &[[Vec3; 3]], ray: Ray) -> u32 {
     let inside = |t: &&[Vec3; 3]| {
         let [a, b, c] = t.map(|p| p.as_dvec3() - ray.origin.as_dvec3());

@@ -3,8 +3,8 @@
 //! The noise of splats is the same in all views, so more views do not remove it: neighbouring trained splats of a
 //! paved path differ by centimetres. Around each corner of a cube, a plane is fitted to the surface in the eight
 //! adjacent cubes. Where the surface agrees with that plane to within its own noise, which is the deviation between
-//! the views, distances to the surface are replaced by distances to the plane. No point moves by more than twice the
-//! noise, and parts that deviate by more, such as a kerb, do not move.
+//! the views, distances to the surface are replaced with distances to the plane. No point moves by more than twice
+//! the noise, and parts that deviate by more, such as a kerb, do not move.
 
 use engine::{Context, NodeError};
 use glam::{DMat3, DVec3, Vec3};

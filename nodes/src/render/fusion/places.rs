@@ -11,7 +11,7 @@ use crate::types::{Camera, Splats};
 
 /// Angle by which a face extends beyond 45 degrees, so that no point lies between the pixels of two faces.
 const GUARD_DEG: f64 = 3.0;
-/// The search ends after this number of consecutive candidates that are too near to a surface.
+/// Maximum number of consecutive candidates that are too near to a surface. When it is reached, the search ends.
 const FAILURES: usize = 8;
 /// Minimum distance between two places, as a multiple of [`Places::clearance`].
 const APART: f32 = 1.8;

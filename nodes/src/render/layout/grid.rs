@@ -11,7 +11,8 @@ const SIDE: usize = 320;
 const STOREYS: usize = 160;
 /// Number of cells per radius of the scene, if its splats are fine enough.
 const FINE: f64 = 160.0;
-/// Minimum sum of opacity times area of the splats in a solid cell, relative to the area of one side of the cell.
+/// A cell is solid if the sum of opacity times area over its splats is at least this multiple of the area of one
+/// side of the cell.
 const SOLID: f32 = 0.25;
 /// Minimum opacity of a splat. More transparent splats are ignored as fog.
 const FAINT: f32 = 0.15;
