@@ -1,4 +1,4 @@
-//! Fuzz targets for readers that read files of a folder. They are called through the kind that uses the reader.
+//! Fuzz targets for readers that read files from a folder. They are called through the kind that uses the reader.
 
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
@@ -55,7 +55,7 @@ pub fn cameras(path: &str, files: &[(&str, &[u8])]) {
     }
 }
 
-/// Reads the file as the mesh of a place. All indices must be valid.
+/// Writes `data` to the file `name`, and reads it as the mesh of a place. All indices must be valid.
 pub fn mesh(name: &str, data: &[u8]) {
     let path = InputFile(name.to_owned());
     let params = LoadMesh { path, colours: ColourEncoding::Auto, frame: MeshFrame::World, matrix: None };
@@ -65,7 +65,7 @@ pub fn mesh(name: &str, data: &[u8]) {
     }
 }
 
-/// Reads the file as an object. All indices must be valid.
+/// Writes `data` to the file `name`, and reads it as an object. All indices must be valid.
 pub fn object(name: &str, data: &[u8]) {
     let params = LoadObject { path: InputFile(name.to_owned()), scene: None };
     if let Ok((out, _)) = run::<LoadObject>(&params, load_object::In {}, &[(name, data)]) {
@@ -93,7 +93,7 @@ pub fn streamed(level: u32, files: &[(&str, &[u8])]) {
     }
 }
 
-/// Splits data into two parts. Its first two bytes are the length of the first part.
+/// Splits `data` into two parts. The first two bytes of `data` are the length of the first part.
 pub fn halves(data: &[u8]) -> (&[u8], &[u8]) {
     let Some((head, rest)) = data.split_first_chunk::<2>() else { return (data, &[]) };
     rest.split_at(usize::from(u16::from_le_bytes(*head)).min(rest.len()))

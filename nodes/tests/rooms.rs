@@ -6,7 +6,7 @@ use std::path::Path;
 #[allow(clippy::unwrap_used, reason = "a test")]
 mod arrows;
 
-/// Modules from the lowest to the highest. A file imports only from its own module and lower ones.
+/// Modules from the lowest to the highest. A file imports only from its own module and from lower modules.
 const ROOMS: [&str; 8] = ["error", "math", "types", "io", "light", "geometry", "render", "kinds"];
 
 fn folder() -> &'static Path {

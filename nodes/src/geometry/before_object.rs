@@ -1,6 +1,6 @@
-//! Finds splats in front of inserted objects, by the depths of a rendered view.
+//! Finds splats in front of inserted objects by comparing the depths in a rendered view.
 
-/// The depths of one view. All lists have one number per pixel.
+/// Depths and coverages of one view. All lists have one number per pixel.
 #[derive(Debug, Clone, Copy)]
 pub struct Depths<'a> {
     /// Planar depth of the splats, in world units; +inf where there are no splats.
@@ -21,10 +21,11 @@ const DRAWN: f32 = 0.5;
 /// Ratio of the depth of the splats to the depth of an object below which the splats count as in front of the
 /// object. It is less than 1 because an object touches the ground that it stands on.
 const BEFORE: f32 = 0.85;
-/// Minimum number of object pixels for a result other than 0.
+/// Minimum number of pixels that show an object for a result other than 0.
 const PIXELS: u64 = 40;
 
-/// Share of the object pixels at which solid splats are in front of the object; 0 if there are few object pixels.
+/// Pixels at which solid splats are in front of an object, as a share of all pixels at which an object is visible;
+/// 0 if objects are visible at only a few pixels.
 pub fn share(depths: &Depths<'_>) -> f64 {
     let (mut objects, mut before) = (0_u64, 0_u64);
     let mesh = depths.surface.iter().zip(depths.objects);
@@ -71,7 +72,8 @@ mod tests {
         }
     }
 
-    /// This test fails if `splat < BEFORE * surface` is replaced by `splat > BEFORE * surface`.
+    /// Opaque splats in front of an object are counted, and semi-transparent splats are not. This test fails if
+    /// `splat < BEFORE * surface` is replaced with `splat > BEFORE * surface`.
     #[test]
     fn a_post_before_an_object_is_found_and_haze_is_not() {
         assert_eq!(of(right), 0.0);

@@ -5,15 +5,15 @@ use glam::{DQuat, DVec2, DVec3, Vec3};
 use crate::geometry::bvh::{Bvh, Ray};
 use crate::geometry::support::Level;
 
-/// Number of columns, and number of rows, of the grid in which an object and the ground are sampled.
+/// Number of columns and number of rows of the grid on which an object and the ground are sampled.
 const GRID: usize = 24;
 /// Number of standard deviations of noise by which the ground is lowered in the search for contacts. At about one
 /// in a few hundred positions, the noise is larger than this.
 const DEVIATIONS: f64 = 2.5;
-/// Number of rotation steps that make an object lie on its contacts. Each rotation is much smaller than the
-/// previous one.
+/// Number of successive rotations that bring an object to rest on its contacts. Each rotation is much smaller than
+/// the previous one.
 const TURNS: u32 = 4;
-/// Maximum number of times that a contact is exchanged for a higher one.
+/// Maximum number of times that one of the three contacts of the plane is replaced with a higher contact.
 const EXCHANGES: u32 = 1000;
 
 /// A mesh below an object. Its coordinates are in world units, relative to a point at the foot of the object.
@@ -21,7 +21,7 @@ const EXCHANGES: u32 = 1000;
 pub struct Relief<'a> {
     /// Bounding volume hierarchy of the triangles of the mesh. Coordinates are along the axes of the world.
     pub bvh: &'a Bvh,
-    /// The corners of the triangles of the tree.
+    /// The corners of the triangles of `bvh`.
     pub corners: &'a [[Vec3; 3]],
     /// Unit vectors in the world: the two horizontal axes, and the up direction.
     pub axes: [DVec3; 3],
@@ -41,8 +41,8 @@ pub struct Rest {
 }
 
 impl Relief<'_> {
-    /// Returns the height of the ground at a position. If there are several surfaces, this is the one nearest to
-    /// the plane.
+    /// Returns the height of the ground at a position. If there are several surfaces at this position, it is the
+    /// height of the one nearest to the plane.
     fn height(&self, x: f64, y: f64) -> Option<f64> {
         let [across, along, up] = self.axes;
         let start = across * x + along * y + up * self.reach;
@@ -146,7 +146,7 @@ impl Relief<'_> {
     }
 }
 
-/// The centroid of the surface of some triangles.
+/// Centroid of the surface of the triangles, weighted by area.
 fn centroid(triangles: &[[DVec3; 3]]) -> DVec3 {
     let (sum, area) = triangles.iter().fold((DVec3::ZERO, 0.0), |(sum, area), &[a, b, c]| {
         let own = (b - a).cross(c - a).length();
@@ -155,9 +155,9 @@ fn centroid(triangles: &[[DVec3; 3]]) -> DVec3 {
     if area > 0.0 { sum / area } else { triangles.first().map_or(DVec3::ZERO, |t| t[0]) }
 }
 
-/// Finds the plane that is lowest at a position, among all planes that no contact lies above. It rests on three
-/// contacts around the position. Returns its height at (0, 0) and its slopes along both axes. `None` if there are
-/// no such contacts.
+/// Finds the plane that is lowest at a position, among all planes that no contact lies above. This plane rests on
+/// three contacts around the position. Returns its height at (0, 0) and its slopes along both axes. `None` if there
+/// are no such contacts.
 fn lowest_plane(contacts: &[[f64; 3]], at: DVec2) -> Option<[f64; 3]> {
     let span = contacts.iter().flatten().fold(at.length(), |most, v| most.max(v.abs()));
     // Starting points that are far away and far below. Contacts replace them.

@@ -45,13 +45,13 @@ fn pascal(mut x: u32) -> u32 {
     x ^ ((x >> 1) & 0x5555_5555)
 }
 
-/// A number in [0, 1) from the upper 24 bits.
+/// Converts the upper 24 bits of a random word to a number in [0, 1).
 #[inline]
 pub fn unit(bits: u32) -> f32 {
     (bits >> 8) as f32 * (1.0 / 16_777_216.0)
 }
 
-/// A number in [0, 1) from all 32 bits.
+/// Converts all 32 bits of a random word to a number in [0, 1).
 #[inline(always)]
 pub fn fraction(bits: u32) -> f64 {
     f64::from(bits) * (1.0 / 4_294_967_296.0)
@@ -72,8 +72,7 @@ impl Points {
     }
 
     /// Returns the points of sub-sample `number` of `count` sub-samples of this sample. If `count` is a power of 2,
-    /// the sub-samples of any aligned block of 2^k samples are together stratified like `count` times as many
-    /// samples.
+    /// all sub-samples of an aligned block of 2^k samples are together stratified as well as `count * 2^k` samples.
     #[inline]
     pub fn twig(&self, number: u32, count: u32) -> Self {
         Self { stream: self.stream, index: self.index.wrapping_mul(count).wrapping_add(number) }
@@ -97,8 +96,8 @@ impl Points {
         [x.reverse_bits(), y.reverse_bits()]
     }
 
-    /// Computes [`bits`](Self::bits) of eight points, each with its own pair of dimensions. Returns the first
-    /// coordinates, then the second ones.
+    /// Computes [`bits`](Self::bits) for eight samples, each with its own pair of dimensions. Returns all first
+    /// coordinates, then all second coordinates.
     #[inline(always)]
     pub fn bits_of_eight<S: Simd>(simd: S, points: &[Self; 8], pairs: &[u32; 8]) -> [[u32; 8]; 2] {
         let (mut streams, mut indices) = ([0; 8], [0; 8]);
@@ -168,7 +167,7 @@ fn wide_reversed<S: Simd>(x: u32x8<S>) -> u32x8<S> {
     (x >> 16) | (x << 16)
 }
 
-/// Stream of a pixel. The points of different pixels and seeds are scrambled differently.
+/// Number of the stream of a pixel. Points are scrambled differently for different pixels and seeds.
 #[inline]
 pub fn stream(seed: u64, x: u32, y: u32) -> u32 {
     hash(hash(seed as u32, (seed >> 32) as u32), hash(x, y))
@@ -201,8 +200,8 @@ pub struct Discrete {
 }
 
 impl Discrete {
-    /// Builds the distribution in proportion to `weights`, which must be finite and not negative, and returns it
-    /// with their sum. If all weights are 0, the distribution is uniform.
+    /// Builds a distribution with probabilities proportional to `weights`, which must be finite and not negative.
+    /// Returns the distribution and the sum of the weights. If all weights are 0, the distribution is uniform.
     pub fn new(weights: &[f64]) -> (Self, f64) {
         let n = weights.len().max(1);
         let mut cumulative = Vec::with_capacity(n + 1);

@@ -4,8 +4,8 @@ use glam::{DMat3, DVec3};
 
 use crate::types::{Placed, Primitive};
 
-/// The bounding box of an object, and the position and size of its foot, which is the part near the ground. All are
-/// in world units.
+/// Bounding box of an object, and the position and size of its foot, which is the part of the object near the
+/// ground. All lengths are in world units.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Foot {
     /// Smallest coordinates of the object.
@@ -16,7 +16,8 @@ pub struct Foot {
     pub base: f64,
     /// Middle of the foot.
     pub middle: DVec3,
-    /// Half the size of the region in which the ground is examined: the foot and a margin around it.
+    /// Half the size of the region in which the ground is examined, which consists of the foot and a margin around
+    /// it.
     pub half: DVec3,
 }
 
@@ -42,7 +43,7 @@ pub fn triangles(placed: &Placed) -> Vec<[DVec3; 3]> {
     placed.object.primitives.iter().flat_map(of).collect()
 }
 
-/// Smallest and largest coordinates of some points. `None` if there are no points.
+/// Smallest and largest coordinates of the points. `None` if there are no points.
 fn around(points: impl Iterator<Item = DVec3>) -> Option<(DVec3, DVec3)> {
     points.map(|p| (p, p)).reduce(|(low, high), (p, _)| (low.min(p), high.max(p)))
 }
@@ -105,8 +106,8 @@ impl Level {
     }
 }
 
-/// The median of some numbers. If their count is even, this is the larger of the two middle numbers, not their mean.
-/// `None` if there are no numbers.
+/// Median of the values. If their number is even, this is the larger of the two middle numbers, not their mean.
+/// `None` if there are no values.
 pub fn median(mut values: Vec<f64>) -> Option<f64> {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied()

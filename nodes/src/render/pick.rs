@@ -7,24 +7,26 @@ use super::splat::{DepthMode, Settings, render};
 use crate::geometry::support::median;
 use crate::types::{Camera, Mesh, Splats};
 
-/// Resolution of the window that is rendered around a pixel for splats, in pixels per pixel of the view. It is high
-/// because blended depths of ground seen at a grazing angle are too near by about the extent of one rendered pixel.
+/// Number of rendered pixels per pixel of the view, along each axis, in the window that is rendered around a pixel
+/// to find the surface of splats. It is high because the depth of ground seen at a grazing angle is too small by
+/// about the extent of one rendered pixel.
 const ZOOM: usize = 8;
-/// Half the side of the window over which normals are averaged, in rendered pixels.
+/// Half the side of the square window over which normals are averaged, in rendered pixels.
 const WINDOW: usize = 3 * ZOOM;
 /// Half the side of the square over which the median depth is computed, in rendered pixels.
 const SQUARE: usize = 3;
 /// Minimum mean coverage at which a pixel counts as showing a surface.
 const COVERED: f64 = 0.5;
-/// Distance from the camera below which splats are left out, as a fraction of the median distance of the splats.
+/// Distance from the camera below which splats are left out, as a fraction of the median distance from the camera
+/// to the splats.
 const NEAR: f64 = 1e-3;
 
-/// Point that a pixel shows.
+/// Surface point that a pixel shows.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Picked {
     /// Position in the world.
     pub position: DVec3,
-    /// Unit normal of the surface there, towards the camera.
+    /// Unit normal of the surface at the point, on the side of the camera.
     pub normal: DVec3,
 }
 
@@ -45,8 +47,9 @@ fn check(camera: &Camera, pixel: [f64; 2]) -> Result<(), NodeError> {
     inside.then_some(()).ok_or_else(outside)
 }
 
-/// Point of a mesh that a pixel shows: the nearest hit of a triangle from either side. If two triangles are hit at
-/// the same distance, the first one is used. `pixel` is a position from the upper left corner, possibly fractional.
+/// Finds the point of a mesh that a pixel shows. This is the nearest point at which the ray through the pixel hits
+/// a triangle, from either side. If two triangles are hit at the same distance, the first one is used. `pixel` is a
+/// position in the picture, in pixels from the upper left corner, and may be fractional.
 pub fn on_mesh(mesh: &Mesh, camera: &Camera, pixel: [f64; 2]) -> Result<Picked, NodeError> {
     check(camera, pixel)?;
     let (eye, way) = (camera.eye(), camera.direction(pixel[0], pixel[1]));
@@ -77,8 +80,8 @@ pub fn on_mesh(mesh: &Mesh, camera: &Camera, pixel: [f64; 2]) -> Result<Picked, 
     Ok(Picked { position: eye + way * distance, normal })
 }
 
-/// Point of splats that a pixel shows. Its position is given by the median depth around the pixel, and its normal
-/// by the surface around it.
+/// Finds the surface point of splats that a pixel shows. The position is computed from the median depth around the
+/// pixel, and the normal from the surface around the point.
 pub fn on_splats(
     splats: &Splats,
     camera: &Camera,
@@ -113,7 +116,7 @@ pub fn on_splats(
     let covered: f64 =
         own.clone().flat_map(|y| own.clone().map(move |x| (x, y))).map(|(x, y)| alpha(x, y)).sum();
     if covered < COVERED * (own.clone().count() * own.count()) as f64 {
-        let what = "the background: less than half of it is covered by splats";
+        let what = "the background, since splats cover less than half of the pixel";
         return Err(nothing(camera, pixel, what).hint("choose a pixel that shows the ground"));
     }
     let world = camera.world_from_camera();

@@ -17,7 +17,7 @@ use nodes::kinds::shadow_ratio::{self, ShadowRatio};
 use nodes::math::color::luminance;
 use nodes::types::{Environment, Images, Mesh, Placed, Rig};
 
-/// Numbers of seeds and samples with which the scenes are traced.
+/// Amount of work: numbers of seeds and samples with which the scenes are traced.
 struct Effort {
     seeds: u64,
     /// Number of seeds, and number of samples per pixel, with which the true values are computed. None of these
@@ -28,7 +28,7 @@ struct Effort {
 }
 
 const WHOLE: Effort = Effort { seeds: 20, truth: (8, 256), most: 256 };
-/// A small amount, to check that the benchmark runs.
+/// A small amount of work, to check that the benchmark runs.
 const SMALL: Effort = Effort { seeds: 2, truth: (2, 8), most: 8 };
 /// Error bound of the measurement with `max_error`.
 const ASKED: f64 = 0.03;
@@ -44,11 +44,11 @@ struct Place {
     background: Arc<Images>,
 }
 
-/// Values of pixels, each with its reported standard error, which is 0 if the pixel has no noise.
+/// Value and reported standard error of each pixel. The standard error is 0 if the pixel has no noise.
 type Told = Vec<[f64; 2]>;
 
 impl Place {
-    /// Loads a graph after replacing `before` in its text by `after`, to change the size of its pictures.
+    /// Loads a graph after replacing `before` in its text with `after`, to change the size of its pictures.
     fn load(name: &str, (before, after): (&str, &str)) -> Self {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/tables");
         let text = std::fs::read_to_string(folder.join(name)).unwrap();

@@ -76,7 +76,7 @@ impl Data {
         LoadSplats::run(&params, load_splats::In {}, &self.context()).unwrap().0.splats
     }
 
-    /// A mesh in the frame of the world.
+    /// The mesh in a file, in the frame of the world.
     pub fn mesh(&self, path: &str, colours: ColourEncoding) -> (Arc<Mesh>, Notes) {
         let params =
             LoadMesh { path: InputFile(path.to_owned()), frame: MeshFrame::World, colours, matrix: None };
@@ -91,7 +91,7 @@ impl Data {
         (out.object, notes)
     }
 
-    /// The environment in a file, without rotation or other changes.
+    /// The environment in a file, not rotated or changed in any other way.
     pub fn environment(&self, path: &str) -> (Arc<Environment>, Notes) {
         let params = LoadEnvironment {
             path: InputFile(path.to_owned()),
@@ -104,7 +104,8 @@ impl Data {
         (out.env, notes)
     }
 
-    /// Cameras from a list in a file: all of them, or those whose names match `pick`.
+    /// Cameras from the list `list` in a file: all of them if `pick` is empty, otherwise those whose names match an
+    /// entry of `pick`.
     pub fn cameras(&self, path: &str, list: &str, pick: &[&str]) -> Arc<Rig> {
         let params = LoadCameras {
             path: InputFile(path.to_owned()),

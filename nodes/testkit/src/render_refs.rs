@@ -24,9 +24,9 @@ pub struct Case {
     pub receiver: Arc<Mesh>,
     /// The inserted object.
     pub object: Arc<Placed>,
-    /// The light.
+    /// The environment that lights the scene.
     pub env: Arc<Environment>,
-    /// One camera.
+    /// Rig with one camera.
     pub rig: Arc<Rig>,
 }
 
@@ -112,7 +112,7 @@ impl Case {
         self.traced(&params, seed, true)
     }
 
-    /// Same as [`trace`](Self::trace), with the given `crop`.
+    /// Same as [`trace`](Self::trace), but with the given `crop`.
     pub fn cropped(
         &self,
         seed: u64,
@@ -154,15 +154,15 @@ impl Case {
     }
 }
 
-/// Result and cost of a trace. Seconds are those of the calling thread.
+/// Result and cost of a trace. Seconds are CPU time of the calling thread.
 pub struct Traced {
-    /// CPU seconds after `setup`.
+    /// CPU seconds of the trace, without `setup`.
     pub seconds: f64,
-    /// CPU seconds of setup, measured with a picture of one pixel.
+    /// CPU seconds spent before the first pixel is traced, measured with a picture of one pixel.
     pub setup: f64,
     /// Counts of the node, such as `rays`.
     pub counts: BTreeMap<&'static str, u64>,
-    /// The layers.
+    /// The layers that the node returned.
     pub out: path_trace::Out,
     /// Notes of the node.
     pub notes: Notes,

@@ -42,8 +42,8 @@ pub fn psnr(seen: &[f32], channels: usize, truth: &[f32], others: usize) -> (f64
 
 /// Compares the luminance of two pictures whose errors are independent from pixel to pixel. For each block of 8 by
 /// 8 pixels, the mean difference is divided by its standard error, which is computed from the spread within the
-/// block. Returns the mean of this score over the blocks, and the share of blocks above 3 (0.0039 is expected from
-/// Student's distribution). Blocks without light are left out.
+/// block. Returns the mean of this score over the blocks, and the share of the blocks whose score is above 3
+/// (0.0039 is expected from Student's distribution). Blocks without light are left out.
 pub fn block_scores(ours: &[f32], other: &[f32], width: usize) -> (f64, f64) {
     let y = |rgb: &[f32]| f64::from(luminance([rgb[0], rgb[1], rgb[2]]));
     let apart: Vec<f64> = ours.chunks(3).map(y).zip(other.chunks(3).map(y)).map(|(a, b)| a - b).collect();

@@ -1,4 +1,4 @@
-//! The float64 renders of `splat-refs`.
+//! Reference renders of `splat-refs`, computed in float64.
 
 use glam::{DMat3, DMat4, DVec3};
 use nodes::types::Camera;
@@ -11,7 +11,7 @@ pub struct Reference {
     pub name: String,
     /// Camera of the view, named `view`.
     pub camera: Camera,
-    /// Number of blended pairs of a splat and a pixel.
+    /// Number of times that a splat was blended into a pixel, over the whole view.
     pub blended: u64,
 }
 

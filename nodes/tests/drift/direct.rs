@@ -20,7 +20,7 @@ const LOW: DVec3 = DVec3::new(-0.3, -0.3, 0.0);
 /// Upper corner of the box.
 const HIGH: DVec3 = DVec3::new(0.3, 0.3, 0.6);
 
-/// Values of each layer, pixel after pixel: first as traced, then as summed.
+/// Values of each layer at all pixels: first as traced by the node, then as summed over all directions.
 pub struct Direct {
     pub without: [Vec<f64>; 2],
     pub with: [Vec<f64>; 2],
@@ -118,8 +118,9 @@ fn block() -> Placed {
     Placed { object: Arc::new(object), world_from_object: DMat4::IDENTITY }
 }
 
-/// Directions above the horizon, each with its light multiplied by cosine and solid angle. There are 24 by 24
-/// directions per texel, with equal solid angles within a texel.
+/// Directions above the horizon. Each has the radiance from that direction, multiplied by the cosine of its angle
+/// to the vertical and by its solid angle. There are 24 by 24 directions per texel, with equal solid angles within
+/// a texel.
 fn directions(sky: &Environment) -> Vec<(DVec3, [f64; 3])> {
     const ACROSS: usize = 24;
     let (width, height) = (sky.image.width, sky.image.height);
@@ -160,8 +161,8 @@ fn places(pixel: u32, edges: [f64; 2]) -> Vec<(f64, f64)> {
     cuts.windows(2).flat_map(piece).collect()
 }
 
-/// Light reflected by a matte level surface at a height, as the mean over 3 by 3 positions in each piece of a
-/// pixel.
+/// Light that a matte level surface at a given height reflects to each pixel, as the mean over 3 by 3 positions in
+/// each piece of the pixel.
 fn summed(
     camera: &Camera,
     directions: &[(DVec3, [f64; 3])],
@@ -194,7 +195,8 @@ fn summed(
     picture
 }
 
-/// Values of the pixels that show only the top of the box: first as traced, then as summed.
+/// Values of the pixels that show only the top of the box: first as traced by the node, then as summed over all
+/// directions.
 fn on_top(camera: &Camera, traced: &[f64], directions: &[(DVec3, [f64; 3])]) -> [Vec<f64>; 2] {
     let expected = summed(camera, directions, [BOX; 3], HIGH.z, false);
     let on_top = |pixel: u32| {

@@ -9,7 +9,7 @@ const GRID: u32 = 24;
 /// Maximum distance between a plane and a point that belongs to it, in metres.
 const NEAR: f64 = 0.02;
 
-/// Values in the report: the distance by which the object was moved, and the normal.
+/// Values from the report: the distance by which the object was moved, and the normal of the ground.
 pub fn reported(report: &Report) -> Vec<f64> {
     let number = |cell: &Cell| if let Cell::Number(n) = cell { *n } else { f64::NAN };
     let row: Vec<f64> = report.tables[0].rows[0].iter().map(number).collect();

@@ -13,7 +13,7 @@ use super::references::luminance;
 /// Direction, solid angle and radiance of a texel.
 type Texel = (DVec3, f64, [f64; 3]);
 
-/// Texels of an environment with z up, each split into a number of columns and rows.
+/// Texels of an environment with z up. Each texel is split into `across` columns and `down` rows.
 fn texels(environment: &Environment, [across, down]: [usize; 2]) -> Vec<Texel> {
     let (width, height) = (environment.image.width * across, environment.image.height * down);
     let texel = |i: usize| {

@@ -20,8 +20,8 @@ use std::path::Path;
 use engine::{Artifact, Engine, Graph, RunOptions, Source, SourceRoot, Store, Wire};
 use nodes::types::{Brackets, Environment, Images, Mesh, Panorama, Placed, Report, Rig, Splats, Views};
 
-/// Permitted difference of metrics from their publications. This crate uses the rounded matrices, white points and
-/// curves of published tools.
+/// Permitted difference between metrics and their published definitions. It is not 0, because this crate uses the
+/// rounded matrices, white points and curves of published tools.
 const CONSTANTS: f64 = 1e-4;
 
 /// Errors of one output.
@@ -50,7 +50,7 @@ impl Run {
         Self { engine, graph }
     }
 
-    /// The value at the output `name`, as `node.port`.
+    /// The value of the output `name`, which has the form `node.port`.
     fn value<A: Artifact>(&self, name: &str) -> A {
         let (node, port) = name.split_once('.').unwrap();
         let node = self.graph.find(node).unwrap();
@@ -254,8 +254,8 @@ fn no_error_drifts() {
     assert_eq!(text.lines().count(), known.lines().count());
 }
 
-/// The light of each pixel agrees with the sum over all directions within its reported variance, and the mean
-/// difference is 0 within its standard error.
+/// The light of each pixel agrees with the sum over all directions, within the noise that its reported variance
+/// predicts. The mean of the differences is 0 within its standard error.
 #[test]
 fn direct_light_is_that_of_all_directions() {
     let direct = direct::Direct::new(64);

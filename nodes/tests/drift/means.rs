@@ -39,7 +39,7 @@ impl Layers {
         if self.depth[i] > 0.0 { 1.0 / self.depth[i] } else { 0.0 }
     }
 
-    /// Denoises `without`, `with` and `object`, and returns them one after another.
+    /// Denoises `without`, `with` and `object`, and returns their samples, concatenated.
     pub fn averaged(&self) -> Vec<f64> {
         let lit = self.receiver();
         let [mut without, mut with, mut object] = [&self.without, &self.with, &self.object].map(Clone::clone);
@@ -59,7 +59,8 @@ impl Layers {
         [without, with, object].concat()
     }
 
-    /// Pixels of the receiver without fireflies. They are compared by the ratio with / without and its variance.
+    /// Pixels of the receiver without fireflies. They are compared by the ratio `with` / `without` and its
+    /// variance.
     fn receiver(&self) -> Field<'_> {
         let pixel = |i: usize| {
             let (r0, r1) = (&self.without[3 * i..3 * i + 3], &self.with[3 * i..3 * i + 3]);
@@ -144,8 +145,8 @@ impl Field<'_> {
         self
     }
 
-    /// Replaces the variance of each pixel by the mean of the variances around it, or by a tenth of its own
-    /// variance if that is larger.
+    /// Replaces the variance of each pixel with the mean of the variances around the pixel, or with a tenth of its
+    /// own variance if that is larger.
     fn smoothed(mut self, reach: usize) -> Self {
         let mean = |i: usize| {
             let near: Vec<f64> = self

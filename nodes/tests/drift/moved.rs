@@ -140,8 +140,8 @@ impl World {
     }
 }
 
-/// Runs the insertion in `world`, and returns the largest difference from `here` in each step. The difference of a
-/// sample is relative to the sample if that is above 1.
+/// Runs the insertion in `world`, and returns the largest difference from `here` in each step. If a sample of
+/// `here` is above 1, its difference is divided by the sample.
 fn off(world: &World, here: &[Step]) -> Vec<(&'static str, f64)> {
     let worst = |((step, a), (_, b)): (&Step, &Step)| {
         assert_eq!(a.len(), b.len());
@@ -152,7 +152,8 @@ fn off(world: &World, here: &[Step]) -> Vec<(&'static str, f64)> {
 }
 
 /// No step gives a different picture if splats, mesh, cameras, probe, object and all parameters in world units are
-/// moved by a million units, or scaled up or down by a million. This test fails if the mesh is rounded to f32.
+/// moved by a million units, or scaled up or down by a factor of a million. This test fails if the mesh is rounded
+/// to f32.
 #[test]
 fn the_whole_insertion_does_not_depend_on_where_or_how_large_the_world_is() {
     let run = Run::new();

@@ -28,8 +28,8 @@ pub fn light(pixel: &[f64]) -> [f64; 4] {
     [linear(0), linear(1), linear(2), alpha]
 }
 
-/// Panorama with z up of some views: the display values and the visible share of each pixel. Each pixel is the mean
-/// of 12x12 samples, weighted by solid angle.
+/// Stitches views to a panorama with z up. Returns the display values and the visible share of each pixel. Each
+/// pixel is the mean of 12x12 samples, weighted by solid angle.
 pub fn stitch(views: &Views, width: usize) -> (Vec<f64>, Vec<f64>) {
     const ACROSS: usize = 12;
     let height = width / 2;
@@ -60,8 +60,8 @@ pub fn stitch(views: &Views, width: usize) -> (Vec<f64>, Vec<f64>) {
     (colours, seen)
 }
 
-/// Mean of all views in a direction. The weight of a view increases with the distance from its border, by a smooth
-/// step over 8 % of its shorter side.
+/// Mean of all views in a direction. The weight of a view increases with the distance from the border of the view,
+/// by a smooth step over 8 % of the shorter side of the view.
 fn around(views: &Views, faces: &[Vec<[f64; 4]>], direction: DVec3) -> [f64; 4] {
     let (mut sum, mut total) = ([0.0; 4], 0.0);
     for (view, pixels) in views.0.iter().zip(faces) {
@@ -91,12 +91,13 @@ fn around(views: &Views, faces: &[Vec<[f64; 4]>], direction: DVec3) -> [f64; 4] 
     if total > 0.0 { sum.map(|v| v / total) } else { sum }
 }
 
-/// Predicted exposures, one after another.
+/// The samples of all predicted exposures, concatenated.
 pub fn taken(brackets: &Brackets) -> Vec<f64> {
     brackets.exposures.iter().flat_map(|image| image.samples.iter().map(|v| f64::from(*v))).collect()
 }
 
-/// Computes the photographs of a panorama at each exposure from the predicted gain, clamped to white.
+/// The samples of the photographs of a panorama at all exposures, concatenated. They are computed from the
+/// predicted gain and clamped to white.
 pub fn exposed(base: &Panorama, brackets: &Brackets) -> Vec<f64> {
     let gains = &brackets.log2_gain.samples;
     let at = |ev: f64| {
@@ -109,8 +110,8 @@ pub fn exposed(base: &Panorama, brackets: &Brackets) -> Vec<f64> {
     brackets.evs.iter().flat_map(|ev| at(*ev)).collect()
 }
 
-/// Factor in linear light that corresponds to a grey mask: black is composited over display values, with the
-/// blocked share of luminance as its opacity.
+/// Factor in linear light that has the same effect as a grey mask. With such a mask, black is composited over
+/// display values, and its opacity is the blocked share of the luminance.
 pub fn grey(without: &[f64], with: &[f64], strength: f64) -> Vec<f64> {
     let pairs = without.chunks_exact(3).zip(with.chunks_exact(3));
     let factor = |(a, b): (&[f64], &[f64])| {
@@ -122,8 +123,8 @@ pub fn grey(without: &[f64], with: &[f64], strength: f64) -> Vec<f64> {
 
 /// Fuses a panorama with its exposures, from the darkest to the brightest. Where an exposure is not clipped, it
 /// replaces the result of the darker exposures: its weight is 1 until its brightest channel reaches 0.9, and falls
-/// to 0 at white. Where the exposure is brighter than this result, its weight is 1, so no pixel becomes darker than
-/// in the panorama.
+/// to 0 at white. Where the exposure is brighter than the result of the darker exposures, its weight is 1, so no
+/// pixel becomes darker than in the panorama.
 pub fn fuse(base: &Panorama, brackets: &Brackets) -> Vec<f64> {
     let linear = |samples: &[f32], at: usize| [0, 1, 2].map(|c| decoded(f64::from(samples[3 * at + c])));
     let base = base.image.samples();
@@ -145,7 +146,7 @@ pub fn fuse(base: &Panorama, brackets: &Brackets) -> Vec<f64> {
     fused
 }
 
-/// Parameters of the ratio with / without, in a form that is stable in the dark.
+/// Parameters of the ratio `with` / `without`, computed in a form that is stable where both are dark.
 pub struct Ratio {
     pub epsilon: f64,
     pub min_energy: f64,
@@ -191,7 +192,7 @@ pub fn composite(background: &[f64], object: &[f64], shadow: &[f64]) -> Vec<f64>
     pixels.flat_map(over).collect()
 }
 
-/// Masks of the object, the shadow, the rest and the contact band, one after another.
+/// The masks of the object, the shadow, the rest and the contact band, concatenated.
 pub fn masks(object: &[f64], shadow: &[f64], width: usize) -> Vec<f64> {
     let alpha: Vec<f64> = object.chunks_exact(4).map(|pixel| pixel[3]).collect();
     let inside = |i: usize| alpha[i] > 0.5;
@@ -275,7 +276,8 @@ pub fn scores([a, b]: &[Vec<f64>; 2], width: usize) -> Vec<f64> {
     ]
 }
 
-/// SSIM of every pixel, averaged over three channels: Gaussian weights of sigma 1.5 over 11x11 pixels.
+/// SSIM of every pixel, averaged over three channels. The window has 11x11 pixels with Gaussian weights of sigma
+/// 1.5.
 fn similarity(a: &[f64], b: &[f64], width: usize) -> Vec<f64> {
     let height = a.len() / 3 / width;
     let gauss = |d: i64| num::f64::exp(-(d * d) as f64 / 4.5);
@@ -363,7 +365,8 @@ pub fn flip(a: &[f64], b: &[f64], width: usize) -> Vec<f64> {
     a.iter().zip(&b).map(pixel).collect()
 }
 
-/// Colour after the contrast sensitivity filters, and the strengths of edges and of points.
+/// Values of a pixel: its colour after the contrast sensitivity filters, and the strengths of edges and of points
+/// there.
 type Seen = ([f64; 3], f64, f64);
 
 fn seen(picture: &[f64], width: usize, density: f64) -> Vec<Seen> {
@@ -406,7 +409,7 @@ fn seen(picture: &[f64], width: usize, density: f64) -> Vec<Seen> {
     (0..xyz.len()).map(|i| (colour(i), edges[i], points[i])).collect()
 }
 
-/// CIELAB of XYZ relative to white.
+/// Converts XYZ relative to white to CIELAB.
 fn lab(relative: [f64; 3]) -> [f64; 3] {
     let edge = 6.0 / 29.0;
     let [x, y, z] = relative.map(|t| {
@@ -415,7 +418,7 @@ fn lab(relative: [f64; 3]) -> [f64; 3] {
     [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)]
 }
 
-/// CIELAB of linear light, with the chroma of dark colours reduced.
+/// Converts linear light to CIELAB, with the chroma of dark colours reduced (Hunt effect).
 fn hunt(rgb: [f64; 3]) -> [f64; 3] {
     let [l, a, b] = lab(relative_xyz(rgb));
     [l, 0.01 * l * a, 0.01 * l * b]

@@ -48,8 +48,8 @@ struct Footprint {
 }
 
 impl Footprint {
-    /// Footprint of a splat with this projected centre and these projected axes. The variance of the low-pass
-    /// filter is 0.3.
+    /// Footprint of a splat. `centre` is its projected centre, and `rows` are the derivatives of the projection.
+    /// The variance of the low-pass filter is 0.3.
     fn new(splats: &Splats, i: usize, eye: DVec3, depth: f64, centre: [f64; 2], rows: [DVec3; 2]) -> Self {
         let [xx, xy, yy] = [rows[0].dot(rows[0]) + 0.3, rows[0].dot(rows[1]), rows[1].dot(rows[1]) + 0.3];
         let determinant = xx * yy - xy * xy;
@@ -174,7 +174,7 @@ pub fn belt(splats: &Splats, eye: DVec3, width: usize) -> (Vec<f64>, Vec<f64>) {
     (colours, seen)
 }
 
-/// Planar depth of the nearest triangle at the centre of each pixel; +inf where there is none.
+/// Planar depth of the nearest triangle at the centre of each pixel; +inf where there is no triangle.
 pub fn nearest(mesh: &Mesh, placed: &Placed, camera: &Camera) -> Vec<f64> {
     let of_mesh = mesh.triangles.iter().map(|t| t.map(|i| mesh.position(i)));
     let of_object = placed.object.primitives.iter().flat_map(|primitive| {

@@ -66,7 +66,7 @@ pub fn splats_ply(n: usize) -> Vec<u8> {
     bytes
 }
 
-/// GLB file with two scenes. Each contains one triangle, and the triangles have different sizes.
+/// GLB file with two scenes. Each scene contains one triangle, and the two triangles have different sizes.
 pub fn object_glb() -> Vec<u8> {
     let mut buffer = Vec::new();
     for size in [0.5_f32, 0.3] {

@@ -12,7 +12,7 @@ use engine::{
     Digest, Engine, Event, Graph, ParamSpec, Registry, Role, RunOptions, Setting, Source, SourceRoot, State,
 };
 
-/// Results of a run of the fixture. For each node: its key, and the digests of its outputs.
+/// Results of a run of the fixture: for each node, by name, its key and the digests of its outputs.
 type Results = BTreeMap<String, (Digest, Vec<Digest>)>;
 
 struct Fixture {
@@ -157,7 +157,8 @@ fn values_outside_their_range_are_refused() {
     }
 }
 
-/// Every value of every quality setting is valid for its node, and the presets are valid graphs.
+/// Every value of every quality setting is valid for its node, and each preset gives all quality settings their
+/// values for the preset.
 #[test]
 fn every_value_of_a_knob_is_one_that_its_node_takes() {
     let fixture = shared();

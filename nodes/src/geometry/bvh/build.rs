@@ -222,7 +222,7 @@ impl Fold<'_> {
         self.fold_onto(tree, order, opens, Self::leaf)
     }
 
-    /// Like [`fold`](Self::fold). `leaf` returns the child that stands for the items of a leaf.
+    /// Same as [`fold`](Self::fold), but `leaf` returns the child that stands for the items of a leaf.
     fn fold_onto(
         &mut self,
         tree: &[Branch],

@@ -11,7 +11,8 @@ use super::collapse::Branch;
 const BINS: usize = 32;
 /// Approximate number of pieces into which all triangles are divided.
 const PIECES: usize = 32;
-/// Reciprocal of the minimum share of the items that each side of a division has. This limits the number of levels.
+/// Reciprocal of the minimum share of the items on each side of a division: with 5, each side has at least a fifth
+/// of the items. This limits the number of levels.
 const LEAST: usize = 5;
 /// Maximum number of levels of divisions. It is sufficient, since `0.8^16 < 1 / PIECES`.
 const MOST_LEVELS: usize = 16;
@@ -37,8 +38,8 @@ fn surface((low, high): Box3) -> f32 {
     if size.min_element() < 0.0 { 0.0 } else { size.x * size.y + size.y * size.z + size.z * size.x }
 }
 
-/// Calls `f` for every index below `n` and returns the results in order. With a context, the calls are distributed
-/// over the threads of the node.
+/// Calls `f` for every index below `n` and returns the results in the order of the indices. With a context, the
+/// calls are distributed over the threads of the node.
 pub(crate) fn each<T: Send>(
     cx: Option<&Context>,
     n: usize,
@@ -80,7 +81,7 @@ pub(super) fn divide(cx: Option<&Context>, boxes: &[Box3]) -> Result<Division, N
     Ok(Division { pieces, tree })
 }
 
-/// Turns a branch into a leaf with a new piece.
+/// Turns a branch into a leaf that refers to a new piece with these items.
 fn close(branch: usize, items: Vec<u32>, tree: &mut [Branch], pieces: &mut Vec<Vec<u32>>) {
     tree[branch] = Branch::Leaf { first: pieces.len() as u32, count: 1 };
     pieces.push(items);

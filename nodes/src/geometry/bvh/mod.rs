@@ -2,8 +2,9 @@
 //!
 //! `obvhs` builds a binary tree, which is converted to a tree with eight children per node. Box tests are
 //! conservative and the triangle test is watertight, so a hit does not depend on the shape of the tree. Of several
-//! hits the one with the smallest `t` counts, and of equal ones the one with the smallest triangle index. Vector
-//! code uses lane-wise arithmetic only, so the bits are the same on every platform with any instruction set.
+//! hits, the hit with the smallest `t` counts. If several hits have this `t`, the hit with the smallest triangle
+//! index counts. Vector code uses lane-wise arithmetic only, so the bits are the same on every platform with any
+//! instruction set.
 
 mod build;
 mod collapse;
@@ -25,7 +26,7 @@ use triangles::{Packet, Sheared};
 pub struct Ray {
     /// Start point. A hit at the start point itself does not count.
     pub origin: Vec3,
-    /// Direction; distances are in units of its length.
+    /// Direction, of any length. Distances along the ray are in units of this length.
     pub direction: Vec3,
     /// Maximum distance, which may be infinite.
     pub t_max: f32,
@@ -41,7 +42,7 @@ impl Ray {
 /// Intersection of a ray with a triangle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Hit {
-    /// Distance in lengths of the ray's direction.
+    /// Distance along the ray, in units of the length of the direction of the ray.
     pub t: f32,
     /// Index of the triangle among those given to [`Bvh::build`].
     pub triangle: u32,
@@ -62,7 +63,7 @@ const WIDE: usize = 8;
 #[repr(align(32))]
 struct Node {
     bounds: [[[f32; WIDE]; 2]; 3],
-    /// Each child is the index of a node or a leaf. A leaf has the bit [`LEAF`], the number of packets in bits 26
+    /// Each entry is the index of a node, or a leaf. A leaf has the bit [`LEAF`], the number of packets in bits 26
     /// to 30, and the index of the first packet in the lower bits.
     children: [u32; WIDE],
 }
@@ -70,8 +71,8 @@ struct Node {
 const LEAF: u32 = 1 << 31;
 const LEAF_SHIFT: u32 = 26;
 const LEAF_FIRST: u32 = (1 << LEAF_SHIFT) - 1;
-/// Boxes are entered if their distance is at most this multiple of the distance of the nearest hit. The factor
-/// covers the rounding of both distances.
+/// A box is entered if the distance to it is at most this multiple of the distance to the nearest hit so far. The
+/// factor covers the rounding of both distances.
 const SLACK: f32 = 1.0 + 1.0 / 65_536.0;
 
 /// Runs a traversal with wide vector registers if the machine has them. Products are not fused with sums, so all
@@ -117,7 +118,7 @@ impl Default for Bvh {
 }
 
 impl Bvh {
-    /// Memory of the tree, in bytes.
+    /// Memory used by the tree, in bytes.
     pub fn bytes(&self) -> u64 {
         (size_of_val(&*self.nodes) + size_of_val(&*self.packets)) as u64
     }

@@ -38,7 +38,7 @@ fn brute(corners: &[[Vec3; 3]], ray: Ray) -> Option<(f64, usize)> {
     best
 }
 
-/// Number of triangles that a ray crosses away from their edges, in f64.
+/// Number of triangles that a ray crosses away from their edges, computed in f64.
 fn crossed(corners: &[[Vec3; 3]], ray: Ray) -> u32 {
     let inside = |t: &&[Vec3; 3]| {
         let [a, b, c] = t.map(|p| p.as_dvec3() - ray.origin.as_dvec3());
@@ -84,7 +84,7 @@ fn soup(n: usize, size: f32, seed: u32) -> Vec<[Vec3; 3]> {
 
 /// Rays that start in a plane of boxes and triangles and run within it hit all triangles that they cross away from
 /// their edges. For such rays the box test could compute 0 times infinity. This test fails if
-/// `1e30_f32.copysign(d)` is replaced by `0.0` in `Bvh::enter`.
+/// `1e30_f32.copysign(d)` is replaced with `0.0` in `Bvh::enter`.
 #[test]
 fn rays_in_the_planes_of_boxes_find_what_stands_across() {
     // Unit squares perpendicular to each axis on a lattice, so that all boxes share their planes.

@@ -34,9 +34,9 @@ pub struct FloorGuess {
     pub share: f64,
     /// Number of standard deviations by which the flat area in the floor exceeds the area expected by chance.
     pub significance: f64,
-    /// Margin between this axis and the second-best one, from 0 (equally likely) to 1.
+    /// Margin by which this axis is more likely than the second-best axis, from 0 (equally likely) to 1.
     pub confidence: f64,
-    /// The second-best axis.
+    /// The axis that is second most likely to point up.
     pub second: &'static str,
 }
 
@@ -53,9 +53,9 @@ impl FloorGuess {
 /// A warning for the user.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Finding {
-    /// Id, in kebab-case, which does not change between versions.
+    /// Id of the warning in kebab-case. It does not change between versions.
     pub id: &'static str,
-    /// Text, as a single line.
+    /// Text of the warning, on a single line.
     pub text: String,
 }
 
@@ -75,11 +75,11 @@ const AXES: [[&str; 2]; 3] = [["-x", "+x"], ["-y", "+y"], ["-z", "+z"]];
 /// A piece of surface.
 struct Patch {
     middle: [f64; 3],
-    /// Unit normal, if the piece is flat.
+    /// Unit normal. `None` if the piece is not flat.
     normal: Option<[f64; 3]>,
     weight: f64,
-    /// Contribution of the piece to the variance of a sum of weights. For one observation this is the square of the
-    /// weight.
+    /// Contribution of the piece to the variance of a sum of weights. For a piece that counts as one observation,
+    /// this is the square of its weight.
     variance: f64,
 }
 
@@ -109,10 +109,10 @@ impl Slab {
         self.flat_variance += other.flat_variance;
     }
 
-    /// Returns the flat area minus the area that the flat fraction elsewhere predicts, and this excess in standard
-    /// deviations. The null hypothesis is that a patch is flat with the same probability everywhere. Two standard
-    /// deviations are computed, one under the null hypothesis and one from the observed flat area, and the larger
-    /// one is used. The second is larger if few patches are flat.
+    /// Returns the excess of flat area in the slab over the area that the flat fraction elsewhere predicts, first
+    /// in units of area and then in standard deviations. The null hypothesis is that a patch is flat with the same
+    /// probability everywhere. Two standard deviations are computed, one under the null hypothesis and one from the
+    /// observed flat area, and the larger one is used. The second is larger if few patches are flat.
     fn excess(&self, total: &Self) -> (f64, f64) {
         let elsewhere = total.all - self.all;
         if elsewhere <= 0.0 {

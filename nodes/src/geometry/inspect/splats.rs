@@ -1,4 +1,5 @@
-//! Summary of a splat scene: its size, up axis, floor, and whether its numbers are plausible for a capture.
+//! Summary of a splat scene: its size, up axis and floor, and warnings about values that are implausible for a
+//! capture.
 
 use engine::{Context, NodeError};
 use serde::Serialize;
@@ -38,9 +39,9 @@ pub struct Opacities {
 /// is 1/255.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Overdraw {
-    /// Mean over a panorama around the median of the centres.
+    /// Mean over all directions, seen from the median of the centres.
     pub from_inside: f64,
-    /// Mean over the disc that the core covers if seen from far away.
+    /// Mean over the disc that the core covers when seen from far away.
     pub from_outside: f64,
 }
 
@@ -67,7 +68,7 @@ pub struct Inspection {
     pub sizes: Option<Sizes>,
     /// Opacities.
     pub opacities: Option<Opacities>,
-    /// Number of splats per pixel.
+    /// Number of splats that overlap at a pixel.
     pub overdraw: Option<Overdraw>,
     /// Warnings.
     pub findings: Vec<Finding>,
@@ -187,7 +188,7 @@ fn findings(
             // The size of splats relative to the scene is undefined if all lie at one point.
             middle > 0.0 && relative > 0.05,
             format!(
-                "half of the splats are larger than {:.0} % of the scene; their scales may have been exponentiated twice",
+                "half of the splats are larger than {:.0} % of the size of the scene; the scales may have been exponentiated twice",
                 relative * 100.0
             ),
         ),
@@ -195,7 +196,7 @@ fn findings(
             "scales-tiny",
             middle > 0.0 && relative < 1e-6,
             format!(
-                "half of the splats are smaller than {relative:.1e} of the scene, so nothing would be visible"
+                "half of the splats are smaller than {relative:.1e} times the size of the scene, so nothing would be visible"
             ),
         ),
         (
@@ -225,7 +226,7 @@ fn findings(
             "far-splats",
             middle > 0.0 && all > 30.0 * middle,
             format!(
-                "the bounding box of all splats is {:.0} times as large as the bounding box of most of them",
+                "the bounding box of all splats is {:.0} times as large as the bounding box of most splats",
                 all / middle
             ),
         ),
@@ -336,8 +337,8 @@ mod tests {
         assert!((overdraw.from_inside / expected - 1.0).abs() < 1e-3, "{overdraw:?} {expected}");
     }
 
-    /// Sizes are not reported relative to a scene without extent. This test fails without `middle > 0.0` in front
-    /// of `relative > 0.05`.
+    /// Sizes are not reported relative to a scene without extent. This test fails if the condition `middle > 0.0`
+    /// before `relative > 0.05` is removed.
     #[test]
     fn scenes_without_extent_give_no_infinite_figures() {
         let reported = |change: fn(&mut Splats)| {

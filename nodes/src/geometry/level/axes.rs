@@ -1,5 +1,5 @@
-//! Search for candidates for the vertical of a scene: axes such that much surface lies in layers perpendicular to
-//! them.
+//! Search for axes that may be the vertical of a scene. Much of the surface lies in layers perpendicular to such an
+//! axis.
 
 use glam::DVec3;
 
@@ -10,9 +10,9 @@ use crate::math::num;
 const DIRECTIONS: usize = 3000;
 /// Number of patches that are used to test a direction.
 const SAMPLED: usize = 20_000;
-/// Number of layers that the scene is divided into.
+/// Number of layers into which the scene is divided along an axis.
 const LAYERS: usize = 64;
-/// Cosine of 15 degrees. Two axes at a smaller angle count as one.
+/// Cosine of 15 degrees. Two axes with a smaller angle between them count as one axis.
 const APART: f64 = 0.966;
 
 /// Unit vectors spread evenly over half a sphere (a Fibonacci lattice).
@@ -26,7 +26,7 @@ pub(super) fn half_sphere(count: usize) -> impl Iterator<Item = DVec3> {
     })
 }
 
-/// Selects every n-th patch, at most `most` in total, so that sums over them are fast.
+/// Selects every n-th patch, where n is such that at most `most` patches are selected.
 fn sample(patches: &[Patch], most: usize) -> Vec<Patch> {
     patches.iter().step_by(patches.len().div_ceil(most).max(1)).copied().collect()
 }

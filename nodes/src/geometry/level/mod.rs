@@ -52,7 +52,7 @@ pub struct LevelEstimate {
     pub centre: [f64; 3],
     /// Radius of the scene around its centre, without the background, in world units.
     pub radius: f64,
-    /// The evidence for `up` and against the opposite direction.
+    /// Evidence that `up`, and not the opposite direction, points up.
     pub evidence: Evidence,
     /// True if cameras contributed to the estimate.
     pub by_cameras: bool,
@@ -97,21 +97,21 @@ fn turn(from: DVec3, to: DVec3) -> DMat3 {
     DMat3::IDENTITY + cross + cross * cross * (1.0 / (1.0 + cosine))
 }
 
-/// Estimates the orientation, floor and scale of a scene of splats. `cameras` are the cameras of its capture, if
-/// they are known in the same frame. `None` if there are too few visible splats. The result is the same on every
-/// machine.
+/// Estimates the orientation, floor and scale of a scene of splats. `cameras` are the cameras of its capture in the
+/// frame of the splats, if they are known. Returns `None` if there are too few visible splats. The result is the
+/// same on every machine.
 pub fn of_splats(splats: &Splats, cameras: Option<&Rig>) -> Option<LevelEstimate> {
     estimate(&Patches::of_splats(splats), cameras)
 }
 
-/// Estimates the orientation, floor and scale of the mesh of a place.
+/// Estimates the orientation, floor and scale of a place from its mesh.
 pub fn of_mesh(mesh: &Mesh, cameras: Option<&Rig>) -> Option<LevelEstimate> {
     estimate(&Patches::of_mesh(mesh), cameras)
 }
 
 /// Estimates floor, ceiling and scale of a scene of splats whose up direction is given, for example by the format
-/// of its file. The up direction is also measured: if it agrees within 5 degrees, the result has the confidence of
-/// this measurement, and otherwise 0.
+/// of its file. The up direction is also estimated from the splats. If the estimate is within 5 degrees of `up`,
+/// the result has the confidence of the estimate; otherwise its confidence is 0.
 pub fn upright(splats: &Splats, up: DVec3, cameras: Option<&Rig>) -> Option<LevelEstimate> {
     let patches = Patches::of_splats(splats);
     let measured = estimate(&patches, cameras)?;

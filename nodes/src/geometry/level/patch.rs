@@ -21,7 +21,7 @@ pub(super) struct Patch {
     pub middle: DVec3,
     /// Unit normal with an arbitrary sign. `None` if the piece is not flat.
     pub normal: Option<DVec3>,
-    /// Area times opacity, in square units.
+    /// Area multiplied by opacity, in square world units.
     pub weight: f64,
     /// Opacity, 0 to 1.
     pub opacity: f64,

@@ -1,5 +1,5 @@
-//! The distribution of surface along a direction, and the evidence that the direction is up. Surface is counted in
-//! layers perpendicular to the direction, and in cells of a plan (a view along the direction).
+//! Distribution of surface area along a direction, and the evidence that this direction is up. Surface is counted
+//! in layers perpendicular to the direction, and in cells of a plan (a view along the direction).
 
 use glam::DVec3;
 use serde::Serialize;
@@ -31,7 +31,7 @@ pub(super) struct Profile {
     /// Score of the highest large layer, called the lid, computed like the score of the floor. It is reduced if there is
     /// surface above the lid.
     pub lid: f64,
-    /// Effective number of patches of the floor.
+    /// Effective number of independent patches of surface in the floor.
     pub observations: f64,
     /// Share of the plan that the floor covers, 0 to 1.
     pub cover: f64,
@@ -52,12 +52,12 @@ pub(super) struct Profile {
     pub light: f64,
     /// Balance between the background above the centre of the scene and the background below it.
     pub sky: f64,
-    /// Amount of the background relative to the surface of the core.
+    /// Weight of the background, as a share of the weight of the surface in the core.
     pub sky_share: f64,
 }
 
 impl Profile {
-    /// Distance from the floor to the top, in world units.
+    /// Height of the top above the floor, in world units.
     pub fn height(&self) -> f64 {
         self.top - self.floor
     }

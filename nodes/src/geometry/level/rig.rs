@@ -1,4 +1,4 @@
-//! Estimate of the up direction from the cameras of a capture, since people hold cameras level.
+//! Estimate of the up direction from the cameras of a capture. It assumes that people hold cameras level.
 
 use glam::{DMat3, DVec3};
 
@@ -12,7 +12,7 @@ use crate::types::Rig;
 const FEWEST: usize = 3;
 /// Cosine of 20 degrees. The cameras and the surfaces agree if their verticals are within this angle.
 const AGREE: f64 = 0.94;
-/// Evidence from cameras that are exactly level, as a logarithm of odds.
+/// Evidence for the up direction from cameras that are exactly level, as a logarithm of odds.
 const COUNT: f64 = 5.0;
 
 /// The vertical as estimated from the cameras.

@@ -1,4 +1,4 @@
-//! Estimate of the length of a unit from the scene.
+//! Estimate of the length of a world unit, from the height of the ceiling or of the cameras.
 
 use serde::Serialize;
 
@@ -7,14 +7,14 @@ use super::refine::Stand;
 use crate::geometry::support::median;
 use crate::types::Rig;
 
-/// Range of heights at which people hold a camera, in metres. If the measured height is outside the range, the true
-/// height is assumed to be the middle of the range.
+/// Range of heights above the floor at which people hold a camera, in metres. If the measured height is outside the
+/// range, the true height is assumed to be the middle of the range.
 const HELD: [f64; 2] = [1.1, 1.9];
-/// Range of heights of rooms, in metres. If the measured height is outside the range, the true height is assumed to
-/// be the middle of the range.
+/// Range of usual heights of rooms, in metres. If the measured height is outside the range, the true height is
+/// assumed to be the middle of the range.
 const ROOM: [f64; 2] = [2.2, 3.4];
 
-/// The length of a unit.
+/// Estimated length of a world unit.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Scale {
     /// Metres per world unit; `None` if unknown.

@@ -6,7 +6,7 @@ use super::*;
 use crate::math::num;
 use crate::types::Camera;
 
-/// A pseudo-random number from 0 to 1 that depends on the index `i` and the sequence `of`.
+/// Pseudo-random number from 0 to 1: element `i` of sequence number `of`.
 fn unit(i: usize, of: usize) -> f64 {
     let mut x = (i as u64 * 61 + of as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
     x = (x ^ (x >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -75,7 +75,7 @@ impl Made {
         }
     }
 
-    /// A room of 5 by 4 by 2.6 with a table, a cupboard and two seats.
+    /// A room of 5 by 4 by 2.6 units with a table, a cupboard and two seats.
     fn room(ceiling: bool) -> Self {
         let mut room = Self::new();
         let (i, j, k) = (DVec3::X * 2.5, DVec3::Y * 2.0, DVec3::Z * 1.3);
@@ -156,7 +156,7 @@ fn noise_has_no_up() {
     }
 }
 
-/// Cameras at eye height that look around, each rotated about its viewing direction by `roll`.
+/// Cameras at eye height that look in different directions, each rotated about its viewing direction by `roll`.
 fn cameras(turn: DMat3, roll: f64, count: usize) -> Rig {
     let camera = |i: usize| {
         let (s, c) = num::sin_cos(i as f64 * 0.7);
@@ -171,8 +171,8 @@ fn cameras(turn: DMat3, roll: f64, count: usize) -> Rig {
     Rig { cameras: (0..count).map(camera).collect() }
 }
 
-/// Noise gives no estimate. Level cameras determine up, and cameras held on their side leave two possible
-/// directions.
+/// Random splats give no estimate. Cameras that are held level determine the up direction, and cameras that are
+/// held on their side leave two opposite directions possible.
 #[test]
 fn cameras_say_what_surfaces_do_not() {
     let mut noise = Made::new();

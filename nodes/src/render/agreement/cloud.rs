@@ -1,4 +1,4 @@
-//! Points on a mesh, distributed evenly over its area, with a search for the point nearest to a position.
+//! Points distributed evenly over the area of a mesh, and a search for the point nearest to a position.
 
 use glam::DVec3;
 
@@ -22,7 +22,7 @@ pub(super) struct Cloud {
     planes: Vec<(u8, f64)>,
     /// Bounding box of the points.
     bounds: [DVec3; 2],
-    /// Mean distance between neighbouring points, in units of the mesh.
+    /// Mean distance between neighbouring points, in the units of the mesh.
     pub spacing: f64,
     /// Median of the coordinates of the points along each axis.
     pub middle: DVec3,
@@ -83,7 +83,8 @@ impl Cloud {
         Some(Self { spacing: (area / points.len() as f64).sqrt(), points, planes, bounds, middle, radius })
     }
 
-    /// Corners of a box that holds nearly all points: one point in 2000 is beyond each side.
+    /// Lower and upper corner of a box that contains nearly all points. About one point in 2000 lies beyond each
+    /// side.
     pub fn extents(&self) -> [DVec3; 2] {
         let beyond = self.points.len() / 2000;
         let bounds = [0, 1, 2].map(|axis| {
@@ -174,7 +175,7 @@ mod tests {
     use super::*;
 
     /// The nearest point is the same as in a search through all points. This test fails if `max(off.abs())` is
-    /// replaced by `max(2.0 * off.abs())`.
+    /// replaced with `max(2.0 * off.abs())`.
     #[test]
     fn the_nearest_point_is_found() {
         let random = |i: u32, k: u32| (fraction(hash(i, k)) * 3.0) as f32;

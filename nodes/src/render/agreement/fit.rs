@@ -1,5 +1,5 @@
-//! Fits a mesh to points by iterated closest points (Besl and McKay 1992), with distances to planes (Chen and
-//! Medioni 1992). The fit includes a scale. Points far from the mesh have little or no weight.
+//! Fits a mesh to points by the iterative closest point algorithm (Besl and McKay 1992), with distances from points
+//! to planes (Chen and Medioni 1992). The fit includes a scale. Points far from the mesh have little or no weight.
 
 use glam::{DMat3, DQuat, DVec3};
 
@@ -10,7 +10,7 @@ use crate::types::frame::Similarity;
 /// Maximum distance between paired points in each iteration, as a share of the median distance of the points from
 /// the eye.
 const GATES: [f64; 14] = [0.4, 0.4, 0.35, 0.3, 0.25, 0.2, 0.17, 0.14, 0.12, 0.1, 0.09, 0.08, 0.07, 0.06];
-/// Index in `GATES` of the first iteration for a cloud that is nearly in place.
+/// Index in `GATES` of the first iteration if the cloud is nearly in place, so that larger distances are skipped.
 const NEAR: usize = 5;
 /// Value added to the diagonal of the system of equations, as a share of its mean diagonal element. It keeps the
 /// solution close to 0 along directions that the points do not determine.

@@ -39,28 +39,31 @@ const AROUND: usize = 2;
 const AGREES: f64 = 0.8;
 /// Minimum agreement of a transformed mesh for the transform to be reported.
 const FOUND: f64 = 0.4;
-/// Minimum increase of the agreement by a transform for the transform to be reported.
+/// Minimum increase of the agreement that a transform must cause to be reported.
 const GAIN: f64 = 0.12;
-/// Difference of agreements from which the larger one is better, whatever the transform.
+/// Maximum difference between the agreement of a transform and the highest agreement for the transform to be
+/// preferred because it is simpler.
 const SIMILAR: f64 = 0.06;
-/// Share of the points from which the mesh is a part of the place, and agreement there from which it is in its place.
+/// Minimum share of the points at which the mesh must be visible for its agreement at these points alone to be
+/// considered.
 const PART: f64 = 0.02;
-/// Minimum agreement, at the points where the mesh is visible, at which a mesh of a part of the place counts as
-/// being in the frame of the splats.
+/// Minimum agreement, at the points where the mesh is visible, at which a mesh that covers only a part of the place
+/// counts as being in the frame of the splats.
 const PART_AGREES: f64 = 0.9;
-/// If the agreement is below this value, splats and mesh are reported as being in different frames even if no
-/// transform is found.
+/// If the agreement is below this value, and the agreement where the mesh is visible is below [`PART_DISAGREES`],
+/// splats and mesh are reported as being in different frames even if no transform is found.
 const DISAGREES: f64 = 0.12;
-/// Agreement below which they disagree where the mesh is visible.
+/// Limit of the agreement at the points where the mesh is visible, used together with [`DISAGREES`].
 const PART_DISAGREES: f64 = 0.5;
-/// Shift, relative to the median distance, relative change of size, and turn in degrees from which a transform is
-/// reported.
+/// A transform with at least this shift is large enough to be reported. The shift is a share of the median distance
+/// from the eye to the points.
 const SHIFTED: f64 = 0.1;
 /// A transform with at least this relative change of scale is large enough to be reported.
 const SCALED: f64 = 0.06;
 /// A transform with at least this angle of rotation, in degrees, is large enough to be reported.
 const TURNED_DEG: f64 = 3.0;
-/// If splats or mesh cover a smaller share of the wanted views than this, they count as not visible.
+/// If the splats, or the mesh, cover a smaller share of the pixels of the wanted views than this, they count as not
+/// visible.
 const UNSEEN: f64 = 0.02;
 /// Minimum cosine of the angle between the up direction of the scene and the up direction measured from a place,
 /// for the place to count as upright.
@@ -69,11 +72,11 @@ const UPRIGHT: f64 = 0.94;
 const DEBRIS: f64 = 0.006;
 /// Minimum share of the pixels of a view that missing surfaces must cover to be reported.
 const MISSING: f64 = 0.03;
-/// Half of the minimum distance between splats and mesh at which a part of the mesh counts as debris, or a surface
-/// of the splats as missing. The distance is a share of the distance from the eye.
+/// Half of the minimum distance between splats and mesh for a part of the mesh to count as debris, or for a surface
+/// of the splats to count as missing. It is a share of the distance from the eye.
 const TOLERANCE: f64 = 0.05;
 
-/// Place that is compared.
+/// Place whose splats and mesh are compared.
 #[derive(Debug, Clone, Copy)]
 pub struct Place<'a> {
     /// The splats, in the world.
@@ -82,7 +85,8 @@ pub struct Place<'a> {
     pub mesh: &'a Mesh,
     /// Cameras of the wanted views; the views of the first, the middle and the last one are compared.
     pub cameras: &'a [Camera],
-    /// Points in free space near the inserted objects, such as their middles; the first two are used.
+    /// Points in free space at or near the inserted objects, such as the middle of each object. The first two are
+    /// used.
     pub around: &'a [DVec3],
     /// Unit vectors to the right, forward and up.
     pub axes: [DVec3; 3],
@@ -90,7 +94,7 @@ pub struct Place<'a> {
     pub metre: f64,
 }
 
-/// Input that is likely in a wrong frame.
+/// Input that is probably in the wrong frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Likely {
     /// The mesh. This is the usual case, since splats and cameras come from one program.
@@ -99,7 +103,7 @@ pub enum Likely {
     Splats,
 }
 
-/// A transform of the mesh, with the agreement that results.
+/// A transform of the mesh, and the agreement of the transformed mesh with the splats.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Moved {
     /// Transform of the mesh.
@@ -110,7 +114,7 @@ pub struct Moved {
     pub turn_deg: f64,
     /// Distance by which the transform moves the middle of the place, in world units.
     pub shift: f64,
-    /// Input that is likely in a wrong frame.
+    /// Input that is probably in the wrong frame.
     pub likely: Likely,
 }
 
@@ -119,12 +123,13 @@ pub struct Moved {
 pub struct Comparison {
     /// Number of compared points on the surface of the splats.
     pub points: usize,
-    /// Mean agreement of the depths, 0 to 1. It is weighted so that all directions in which surfaces face count
-    /// about the same.
+    /// Mean agreement of the depths, 0 to 1. The points are weighted so that surfaces facing in any direction
+    /// contribute about equally.
     pub agreement: f64,
-    /// Mean agreement at the points where the mesh is visible; 0 if it is nowhere.
+    /// Mean agreement at the points where the mesh is visible; 0 if the mesh is not visible at any point.
     pub known: f64,
-    /// The place of the mesh at which it agrees best, if that is elsewhere.
+    /// The transform that brings the mesh into agreement with the splats. `None` if the mesh is in place or no such
+    /// transform was found.
     pub best: Option<Moved>,
     /// Parts of the mesh that float in front of the surfaces that the splats show.
     pub debris: Regions,
@@ -235,7 +240,7 @@ fn by_views(
     })
 }
 
-/// Compares the mesh with the centres of the splats. This is for views that show hardly any splats.
+/// Compares the mesh with the centres of the splats. Used if the views show hardly any splats.
 fn by_centres(place: &Place<'_>, sights: &[Sight], cloud: &Cloud) -> Option<Comparison> {
     let spots = Spots::of_centres(place.splats)?;
     let depths = spots.depths(sights, place.mesh, &DMat4::IDENTITY);
@@ -249,7 +254,8 @@ fn by_centres(place: &Place<'_>, sights: &[Sight], cloud: &Cloud) -> Option<Comp
     Some(Comparison { points: spots.list.len(), agreement, known: agreement, best, debris, missing, visible })
 }
 
-/// The transform with the fewest parts among those that agree about as well as the best one.
+/// Returns the simplest of the transforms (see [`search::parts`]) whose agreement is within [`SIMILAR`] of the
+/// highest.
 fn simplest(mut found: Vec<Moved>) -> Option<Moved> {
     let most = found.iter().map(|one| one.agreement).fold(0.0, f64::max);
     found.retain(|one| one.agreement >= most - SIMILAR);
@@ -269,7 +275,7 @@ fn visible(sights: &[Sight], depths: &[Vec<f64>]) -> Option<[f64; 2]> {
 }
 
 impl Moved {
-    /// Computes the angle and the shift of a transform. `likely` is `Mesh` until the caller determines it.
+    /// Computes the angle and the shift of a transform. Sets `likely` to `Mesh`; the caller may change it.
     fn of(by: Similarity, agreement: f64, spots: &Spots) -> Self {
         let turn = by.rotation;
         let cosine = 0.5 * (turn.x_axis.x + turn.y_axis.y + turn.z_axis.z - 1.0);
@@ -288,7 +294,7 @@ impl Moved {
     }
 }
 
-/// Input that is likely in a wrong frame, given the shares of the wanted views that show splats and mesh.
+/// Input that is probably in the wrong frame, given the shares of the wanted views that show splats and mesh.
 fn likely(place: &Place<'_>, turn_deg: f64, visible: Option<[f64; 2]>) -> Likely {
     if visible.is_some_and(|[splats, mesh]| splats < UNSEEN && mesh >= 10.0 * UNSEEN) {
         return Likely::Splats;

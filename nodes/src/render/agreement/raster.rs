@@ -115,7 +115,7 @@ mod tests {
     use crate::geometry::sampling::{fraction, hash};
 
     /// Rasterized depths of random triangles, some of which cross the near plane, equal the depths that rays find.
-    /// This test fails if `known.max` is replaced by `known.min`.
+    /// This test fails if `known.max` is replaced with `known.min`.
     #[test]
     fn depths_are_those_of_rays() {
         let random = |i: u32, k: u32| (fraction(hash(i, k)) * 4.0 - 2.0) as f32;

@@ -6,13 +6,13 @@ use glam::DVec3;
 use super::sight::{STEP, Sight};
 use super::spots::Spots;
 
-/// Minimum relative difference of depth at which a surface counts as in front of another one or behind it.
+/// Minimum relative difference of depth between two surfaces for one to count as in front of the other.
 const APART: f64 = 0.12;
-/// Surfaces up to this distance outside the bounding box of the mesh can also count as missing. The distance is a
-/// share of their distance from the eye.
+/// Maximum distance outside the bounding box of the mesh at which a surface can still count as missing, as a share
+/// of the distance from the eye to the surface.
 const MARGIN: f64 = 0.02;
-/// Minimum share of the outline of a part along which the mesh next to it must be farther away, for the part to
-/// count as floating.
+/// A part of the mesh counts as floating if the mesh next to it is farther away along at least this share of its
+/// outline.
 const FLOATS: f64 = 0.65;
 
 /// Parts of the views in which splats and mesh disagree.
@@ -32,7 +32,7 @@ pub struct Regions {
 /// A connected part of one view in which splats and mesh disagree.
 struct Part {
     pixels: Vec<usize>,
-    /// Number of pixels whose eight neighbours are also in the part.
+    /// Number of pixels of the part whose eight neighbours are also in the part.
     inner: usize,
     sight: usize,
 }
@@ -84,8 +84,8 @@ fn neighbours(pixel: usize, width: usize, height: usize) -> [Option<usize>; 4] {
     ]
 }
 
-/// Finds the view in which the parts cover the largest share of the pixels. All views around the objects count as
-/// one view.
+/// Summarizes the parts: finds the view in which they cover the largest share of the pixels, and the largest part
+/// there. All views around the objects count as one view.
 fn summary(sights: &[Sight], parts: &[Part], depths: impl Fn(usize, usize) -> f64) -> Regions {
     let mut best = Regions::default();
     let mut groups: Vec<Vec<usize>> =

@@ -1,5 +1,5 @@
-//! Searches for the transform that brings a mesh to the splats. Quarter turns, scale factors and shifts are tried,
-//! and the best ones are refined.
+//! Searches for the transform that brings a mesh to the splats. Rotations by quarter turns, scale factors and
+//! shifts are tried, and the best combinations are refined.
 
 use glam::{DMat3, DVec3};
 
@@ -34,9 +34,9 @@ const CLIMBS: usize = 4;
 /// Number of transforms that are refined.
 const REFINED: usize = 8;
 const BEST: usize = 5;
-/// Share of the agreement that a simpler transform must keep.
+/// Minimum ratio of the agreement of a simpler transform to the agreement of the transform that it replaces.
 const SIMPLER: f64 = 0.96;
-/// Scale factors between units of length, and other frequent scale factors.
+/// Conversion factors between units of length, and other scale factors that are frequent in practice.
 const UNITS: [f64; 13] =
     [1.0, 0.001, 0.01, 0.1, 0.5, 2.0, 10.0, 100.0, 1000.0, 0.3048, 1.0 / 0.3048, 0.0254, 1.0 / 0.0254];
 /// Maximum relative difference of two scale factors that count as equal.
@@ -78,8 +78,8 @@ pub(super) fn nearby(cloud: &Cloud, spots: &Spots) -> Similarity {
     best.map_or(Similarity::IDENTITY, |(_, at)| simplest(cloud, spots, at))
 }
 
-/// The transforms with which the mesh fits the splats best, best first. All quarter turns, many scale factors and
-/// two shifts are tried.
+/// The transforms with which the mesh fits the splats best, best first. The search starts from all rotations that
+/// map axes to axes, with many scale factors and two shifts each.
 pub(super) fn anywhere(cloud: &Cloud, spots: &Spots) -> Vec<Similarity> {
     let mut tried: Vec<(f64, Similarity)> = Vec::new();
     let about = spots.radius / cloud.radius;
@@ -180,7 +180,8 @@ fn simplest(cloud: &Cloud, spots: &Spots, found: Similarity) -> Similarity {
     simpler.into_iter().find(|at| fits(*at) >= least).unwrap_or(found)
 }
 
-/// Number of parts of a transform: a turn that is not by quarters, a factor that is not one between units, a shift.
+/// Number of parts of a transform that are not simple: a rotation that does not map axes to axes, a scale that is
+/// not in [`UNITS`], and a shift that is not 0.
 pub(super) fn parts(by: &Similarity) -> usize {
     let turned = !turns().contains(&by.rotation);
     let scaled = !UNITS.contains(&by.scale);

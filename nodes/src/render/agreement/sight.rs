@@ -1,4 +1,4 @@
-//! Views in which splats and mesh are compared, with small pictures of the depth of the splats.
+//! Views in which splats and mesh are compared. Each holds a small depth image of the splats.
 
 use engine::{Context, NodeError};
 use glam::DVec3;
@@ -7,9 +7,9 @@ use crate::geometry::support::median;
 use crate::render::splat::{Blocks, DepthMode, Settings, render_with};
 use crate::types::{Camera, Splats};
 
-/// Longest side of a wanted view, in pixels.
+/// Maximum width and height of the small picture of a wanted view, in pixels.
 const WANTED_PX: f64 = 128.0;
-/// Side of each cube face around a point, in pixels.
+/// Width and height of each of the six cube faces around a point, in pixels.
 const FACE_PX: u32 = 72;
 /// Minimum coverage at which splats count as a surface.
 const SOLID: f32 = 0.9;
@@ -19,9 +19,9 @@ const EMPTY: f32 = 0.1;
 const SPREAD: f32 = 0.06;
 /// Maximum relative difference between the depths of two neighbouring pixels that show the same surface.
 pub(super) const STEP: f64 = 0.12;
-/// Distance of the near plane, as a share of the median distance of the splats.
+/// Distance from the eye to the near plane, as a share of the median distance from the eye to the splats.
 const NEAR_SHARE: f64 = 0.02;
-/// Maximum distance of the near plane, in metres.
+/// Maximum distance from the eye to the near plane, in metres.
 const NEAR_METRES: f64 = 0.2;
 
 /// A view, with the depths of the splats.
@@ -30,15 +30,15 @@ pub(super) struct Sight {
     pub camera: Camera,
     /// True for a view that the graph renders, false for a view around an object.
     pub wanted: bool,
-    /// Planar depth of the surface of the splats, in world units; +inf where there is no surface.
+    /// Planar depth of the surface of the splats at each pixel, in world units; +inf where there is no surface.
     pub depth: Vec<f64>,
-    /// True where the splats show a single surface, without anything semi-transparent in front of it.
+    /// True for each pixel at which the splats show a single surface, with nothing semi-transparent in front of it.
     pub clear: Vec<bool>,
-    /// True where there are hardly any splats.
+    /// True for each pixel that hardly any splats cover.
     pub empty: Vec<bool>,
 }
 
-/// A camera with the same view, whose picture is at most [`WANTED_PX`] pixels wide and high.
+/// Returns a camera with the same view, whose picture is at most [`WANTED_PX`] pixels wide and high.
 fn smaller(camera: &Camera) -> Camera {
     let (width, height) = (f64::from(camera.width_px), f64::from(camera.height_px));
     let factor = (WANTED_PX / width.max(height)).min(1.0);
@@ -136,7 +136,8 @@ impl Sight {
         (self.camera.width_px as usize, self.camera.height_px as usize)
     }
 
-    /// Vector in the world from the eye through the centre of a pixel to a planar depth of 1.
+    /// Vector in world coordinates from the eye to the point at planar depth 1 on the ray through the centre of a
+    /// pixel.
     pub fn ray(&self, pixel: usize) -> DVec3 {
         let (width, _) = self.size();
         let camera = &self.camera;
@@ -145,13 +146,13 @@ impl Sight {
         camera.world_from_camera().transform_vector3(DVec3::new(x, y, 1.0))
     }
 
-    /// Point in the world at a planar depth in a pixel.
+    /// Point in world coordinates at a given planar depth on the ray through the centre of a pixel.
     pub fn point(&self, pixel: usize, depth: f64) -> DVec3 {
         self.camera.eye() + self.ray(pixel) * depth
     }
 
-    /// Pixel of a point, which is given in the frame of the camera; `None` if the point is not in the picture or
-    /// the splats have no surface in the pixel.
+    /// Index of the pixel that contains a point, given in the frame of the camera. `None` if the point is outside
+    /// the picture or the splats have no surface at the pixel.
     pub fn pixel(&self, local: DVec3) -> Option<usize> {
         let (width, height) = self.size();
         if local.z <= 0.0 {
@@ -164,7 +165,8 @@ impl Sight {
         self.depth[pixel].is_finite().then_some(pixel)
     }
 
-    /// Unit normal of the surface of the splats at a pixel, from its four neighbours; `None` at edges.
+    /// Unit normal of the surface of the splats at a pixel, computed from the depths of its four neighbours; `None`
+    /// at edges of the surface.
     pub fn normal(&self, pixel: usize) -> Option<DVec3> {
         let (width, height) = self.size();
         let (x, y) = (pixel % width, pixel / width);

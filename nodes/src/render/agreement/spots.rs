@@ -1,4 +1,4 @@
-//! Points on the surface of the splats in the views, and the agreement of the depths of a mesh with them.
+//! Points on the surface that the splats show in the views. The depths of a mesh are compared with these points.
 
 use glam::{DMat4, DVec3};
 
@@ -9,31 +9,32 @@ use crate::geometry::level;
 use crate::geometry::support::median;
 use crate::types::{Mesh, Splats};
 
-/// Distance between mesh and splats at which the agreement is 0, as a share of the distance of the point from the
-/// eye, or of the median distance of all points if that is larger. It is normal that the mesh of a capture differs
-/// from its splats by several hundredths of the distance.
+/// Distance between mesh and splats at which the agreement at a point is 0, as a share of the distance from the eye
+/// to the point, or of the median distance of all points if that is larger. It is normal that the mesh of a capture
+/// differs from its splats by several hundredths of the distance.
 const TOLERANCE: f64 = 0.07;
-/// Maximum distance of a point, as a multiple of the lower quartile of the distances. Points that are farther away
-/// are ignored, since meshes do not contain the distant background.
+/// Maximum distance from the eye to a point, as a multiple of the lower quartile of these distances. Points that
+/// are farther away are ignored, since meshes do not contain the distant background.
 const BACKDROP: f64 = 10.0;
-/// Possible error of the surface of the splats, in standard deviations of the splats along their middle axis. A
-/// splat close to the eye is drawn as an ellipse that is too large.
+/// Distance by which the surface of splats may appear too near, in standard deviations of the splats along their
+/// middle axis. The cause is that a splat close to the eye is drawn as an ellipse that is too large.
 const GRAIN: f64 = 2.0;
-/// Approximate number of splats that are sampled for their sizes or centres.
+/// Approximate number of splats of which the size or the centre is used.
 const MEASURED: usize = 4000;
-/// Minimum opacity of the sampled splats.
+/// Minimum opacity of the splats of which the size or the centre is used.
 const OPAQUE: f32 = 0.3;
 /// Maximum distance between a point of the mesh and the surface of the splats for the point to count as on the
-/// surface, as a share of the distance of the point from the eye, or of the median distance of all points if that
+/// surface, as a share of the distance from the eye to the point, or of the median distance of all points if that
 /// is larger.
 const ON: f64 = 0.03;
-/// Step through the points of the mesh: one point out of this many is tested.
+/// Of this number of consecutive points of the mesh, only the first is tested.
 const CONFIRMED: usize = 8;
 /// Minimum number of points for a comparison.
 const LEAST: usize = 200;
 /// Weight of points at edges, where the normal is not known.
 const AT_EDGE: f64 = 0.3;
-/// Distance of the near plane for the mesh, as a share of the median distance of the points from the eye.
+/// Distance from the eye to the near plane when the mesh is drawn, as a share of the median distance of the points
+/// from the eye.
 const NEAR: f64 = 0.005;
 
 /// A point on the surface of the splats in a view.
@@ -44,8 +45,8 @@ pub(super) struct Spot {
     pub normal: Option<DVec3>,
     /// Distance from the surface at which the agreement of a mesh is 0, in world units.
     pub tolerance: f64,
-    /// Weight. It is smaller for directions in which many points face, so that large surfaces such as the ground do
-    /// not dominate.
+    /// Weight of the point. It is smaller if many other points face in the same direction, so that large surfaces
+    /// such as the ground do not dominate.
     pub weight: f64,
     /// Index of the view.
     pub sight: usize,
@@ -67,7 +68,7 @@ pub(super) struct Spots {
     pub grain: f64,
 }
 
-/// Index of the axis that is nearest to a normal, out of 13 axes.
+/// Index, among 13 fixed axes, of the axis with the smallest angle to a normal.
 fn facing(normal: DVec3) -> usize {
     let mut best = (0, -1.0);
     let mut index = 0;
@@ -118,17 +119,18 @@ impl Spots {
         Some(Self { list, distance, middle, radius, grain })
     }
 
-    /// Distance of the near plane for the mesh, in world units.
+    /// Distance from the eye to the near plane when the mesh is drawn, in world units.
     pub fn near(&self) -> f64 {
         NEAR * self.distance
     }
 
-    /// Depths of a placed mesh in each of the views.
+    /// Depth of each pixel in each of the views, for a mesh that `world_from_mesh` places in the world.
     pub fn depths(&self, sights: &[Sight], mesh: &Mesh, world_from_mesh: &DMat4) -> Vec<Vec<f64>> {
         sights.iter().map(|sight| raster::depths(mesh, world_from_mesh, &sight.camera, self.near())).collect()
     }
 
-    /// Agreement of the depths of a mesh with all points, and with the points at which the depth `known` is finite.
+    /// Computes how well the depths of a mesh agree with all points, and with the points at which the depth in
+    /// `known` is finite. Both arguments hold the depth of each pixel for each view.
     pub fn agreement(&self, sights: &[Sight], depths: &[Vec<f64>], known: &[Vec<f64>]) -> Agreement {
         let (mut sums, mut totals) = ([0.0; 2], [0.0; 2]);
         for spot in &self.list {
@@ -154,8 +156,8 @@ impl Spots {
         }
     }
 
-    /// Share of the points of a placed cloud that lie on the surface of the splats in at least one view. Points
-    /// that are in no view, or only at pixels where the splats have no surface, are not counted.
+    /// Of the points of a placed cloud, the share that lies on the surface of the splats in at least one view.
+    /// Points that are outside all views, or only at pixels where the splats have no surface, are ignored.
     pub fn confirmed(&self, sights: &[Sight], Placed { cloud, at }: &Placed<'_>) -> f64 {
         let (mut seen, mut confirmed) = (0.0, 0.0);
         let cameras: Vec<DMat4> = sights.iter().map(|sight| sight.camera.camera_from_world()).collect();
@@ -175,9 +177,9 @@ impl Spots {
         if seen > 0.0 { confirmed / seen } else { 0.0 }
     }
 
-    /// Takes the centres of the opaque splats as points. This is for views that show too little surface of the
-    /// splats, for example if the splats have another unit. The points belong to no view. Returns `None` if there
-    /// are no opaque splats.
+    /// Takes the centres of the opaque splats as points. Used if the views show too little surface of the splats,
+    /// for example because the splats are in a different unit. The points belong to no view. Returns `None` if
+    /// there are no opaque splats.
     pub fn of_centres(splats: &Splats) -> Option<Self> {
         let step = (splats.len() / MEASURED).max(1);
         let seen = (0..splats.len()).step_by(step).filter(|&i| splats.opacities[i] >= OPAQUE);
@@ -201,7 +203,7 @@ impl Spots {
 }
 
 /// Agreement of the depths of a mesh with the points, 0 to 1. The agreement with a point is 1 if the depths are
-/// equal, and 0 if they differ by more than the tolerance or there is no mesh.
+/// equal, and 0 if they differ by more than the tolerance or the mesh is not visible at the point.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Agreement {
     /// Weighted mean over all points.
@@ -209,7 +211,7 @@ pub(super) struct Agreement {
     /// Weighted mean over the points at which the argument `known` of [`Spots::agreement`] is finite; 0 if there are
     /// no such points.
     pub known: f64,
-    /// Share of the points at which `known` is finite, by weight.
+    /// Total weight of the points at which `known` is finite, as a share of the weight of all points.
     pub share: f64,
 }
 
@@ -233,8 +235,8 @@ fn balance(list: &mut [Spot]) {
     }
 }
 
-/// Median of the standard deviations along the middle axis, over the opaque splats that are nearer to an eye than
-/// `limit`.
+/// Median of the standard deviations along the middle axis, over the opaque splats whose distance from the eye of
+/// at least one view is less than `limit`.
 fn size(splats: &Splats, sights: &[Sight], limit: f64) -> f64 {
     let step = (splats.len() / MEASURED).max(1);
     let near = |i: usize| sights.iter().any(|sight| (splats.mean(i) - sight.camera.eye()).length() < limit);
@@ -246,7 +248,7 @@ fn size(splats: &Splats, sights: &[Sight], limit: f64) -> f64 {
     median(seen.map(middle).collect()).unwrap_or_default()
 }
 
-/// Agreement of a point with a surface at a distance of `off` tolerances.
+/// Agreement of a point with a surface whose distance is `off` times the tolerance.
 pub(super) fn kernel(off: f64) -> f64 {
     if off < 1.0 { (1.0 - off * off) * (1.0 - off * off) } else { 0.0 }
 }

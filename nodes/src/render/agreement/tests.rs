@@ -9,7 +9,7 @@ use crate::testing::context;
 use crate::types::frame::Similarity;
 use crate::types::{Camera, Mesh, SplatEncoding, Splats};
 
-/// A rectangle: a corner, and the vectors along two sides.
+/// A rectangle: a corner, and the vectors along the two sides that meet there.
 type Face = [DVec3; 3];
 
 /// Index of the back wall in [`faces`].
@@ -99,7 +99,8 @@ fn found(mesh: &Mesh) -> Comparison {
     compared(&splats(), mesh, good_camera())
 }
 
-/// This test fails if `PART_DISAGREES` is 2.
+/// A mesh that agrees with the splats raises no warning, even if it is only a part of the place or off by a few
+/// centimetres. This test fails if `PART_DISAGREES` is 2.
 #[test]
 fn what_agrees_raises_no_alarm() {
     let whole = found(&mesh(None));
@@ -117,7 +118,8 @@ fn what_agrees_raises_no_alarm() {
     assert_eq!(found(&placed(&mesh(None), &low)).findings(), []);
 }
 
-/// Checks that a fault is found, and that the reported transform undoes it.
+/// Transforms the mesh by `fault`. Checks that a difference of frames is reported, with a transform that undoes the
+/// fault.
 fn undone(fault: Similarity) {
     let result = found(&placed(&mesh(None), &fault));
     assert_eq!(result.findings(), [Finding::Elsewhere], "{fault:?}: {result:?}");
@@ -131,7 +133,7 @@ fn undone(fault: Similarity) {
     assert_eq!(best.likely, Likely::Mesh, "{fault:?}");
 }
 
-/// This test fails if `FACTORS` is 1.
+/// A wrong scale of the mesh is detected and measured. This test fails if `FACTORS` is 1.
 #[test]
 fn factors_are_found() {
     for scale in [0.01, 0.1, 0.5, 2.0, 100.0, 0.37] {
@@ -161,7 +163,7 @@ fn shifts_of_half_a_metre_are_found() {
     }
 }
 
-/// Mutation: `FLOATS` of 1.1, seen red.
+/// Floating debris of the mesh and a missing wall are reported. This test fails if `FLOATS` is 1.1.
 #[test]
 fn debris_and_missing_walls_are_found() {
     let mut debris = mesh(None);

@@ -1,4 +1,4 @@
-//! Cubes through or near which a surface passes: at least two views see points in or near each cube.
+//! Selects the cubes that contain a surface or are near one. At least two views must see points in or near a cube.
 
 use engine::{Context, NodeError};
 use glam::Vec3;
@@ -9,7 +9,7 @@ use super::levels::{Cube, Levels, SIDE};
 /// Minimum number of views that must see a surface in or near a cube.
 const VIEWS: usize = 2;
 
-/// Minimum confidence (of 255) of the pixels that add cubes.
+/// Minimum confidence, from 0 to 255, of a pixel whose point adds cubes.
 const TRUST: u8 = 16;
 
 /// Maximum distance from a point to the cubes that are added for it, in cells.

@@ -1,5 +1,5 @@
-//! A camera's view of a scene, packed for fusion. For each pixel it holds the inverse depth, the confidence in it,
-//! the slant of the surface, and the colour.
+//! A camera's view of a scene, packed for fusion. For each pixel it holds the inverse depth, the confidence in this
+//! depth, the slant of the surface, and the colour.
 
 use engine::{Context, NodeError};
 use glam::{DVec3, Vec3};
@@ -28,7 +28,7 @@ pub struct DepthView {
     pub down: Vec3,
     /// Unit vector along the optical axis, in the world.
     pub forward: Vec3,
-    /// Horizontal and vertical focal length, in pixels.
+    /// Horizontal and vertical focal lengths, in pixels.
     pub focal: [f32; 2],
     /// Principal point, in pixels.
     pub middle: [f32; 2],
@@ -52,14 +52,14 @@ pub struct DepthView {
 pub struct OnPicture {
     /// Planar depth, in world units.
     pub depth: f32,
-    /// Distance from the eye divided by the depth.
+    /// Distance from the eye divided by the planar depth.
     pub stretch: f32,
-    /// Column and row, relative to the centre of the first pixel.
+    /// Horizontal and vertical position in the picture, in pixels from the centre of the first pixel.
     pub at: [f32; 2],
 }
 
 impl DepthView {
-    /// Renders what a camera sees.
+    /// Renders the splats in the view of a camera.
     pub fn of(
         splats: &Splats,
         blocks: &Blocks,
@@ -118,7 +118,7 @@ impl DepthView {
         view
     }
 
-    /// Direction through the centre of a pixel, scaled to a planar depth of 1.
+    /// Vector from the eye to the point at planar depth 1 on the ray through the centre of a pixel.
     pub fn ray(&self, x: usize, y: usize) -> Vec3 {
         let slope_x = (x as f32 + 0.5 - self.middle[0]) / self.focal[0];
         let slope_y = (y as f32 + 0.5 - self.middle[1]) / self.focal[1];
@@ -175,9 +175,9 @@ impl DepthView {
         inside.then(|| OnPicture { depth, stretch: offset.length() * inverse, at: [x, y] })
     }
 
-    /// Inverse depth of the surface at a position between four pixels, whether the four pixels show one surface,
-    /// and the index of the nearest pixel. If they show one surface, the inverse depth is interpolated linearly,
-    /// which is exact for a plane. Otherwise it is the inverse depth of the nearest pixel.
+    /// Returns the inverse depth of the surface at a position between four pixel centres, whether these four pixels
+    /// show one surface, and the index of the nearest pixel. If they show one surface, the inverse depth is
+    /// interpolated linearly, which is exact for a plane. Otherwise it is the inverse depth of the nearest pixel.
     #[inline]
     pub fn surface(&self, [x, y]: [f32; 2]) -> (f32, bool, usize) {
         let (column, row) = (x as usize, y as usize);
@@ -194,7 +194,7 @@ impl DepthView {
         (top + (bottom - top) * fy, true, nearest)
     }
 
-    /// True if a ball is hidden: in every pixel that it covers, it lies more than `behind` behind the surface.
+    /// True if a ball is hidden: at every pixel that it covers, it is behind the surface by more than `behind`.
     /// `offset` is the centre of the ball relative to the eye.
     pub fn hides(&self, offset: Vec3, radius: f32, behind: f32) -> bool {
         let depth = offset.dot(self.forward);
@@ -218,7 +218,7 @@ impl DepthView {
             && (top..=bottom).all(|y| (left..=right).all(|x| self.farthest[y * columns + x] > least))
     }
 
-    /// Memory of a view of `pixels` pixels, in bytes.
+    /// Memory used by a view of `pixels` pixels, in bytes.
     pub const fn bytes(pixels: u64) -> u64 {
         pixels * 9
     }

@@ -29,15 +29,15 @@ const FLATTEST: f32 = 0.1;
 const THROUGH: f32 = 0.25;
 /// Weight of a pixel at an edge between two surfaces, relative to a pixel that shows a single surface.
 const AT_EDGE: f32 = 0.25;
-/// Minimum number of views that must see the surface near a corner behind it. Otherwise the surface is left out at
-/// this corner.
+/// Minimum number of views that must see the surface near a corner that lies behind the surface. With fewer views,
+/// the surface is left out at this corner.
 const VIEWS: u8 = 2;
 
 /// Part of the field in one cube.
 pub struct Block {
     pub cube: Cube,
-    /// Distance from each corner to the surface, in world units, negative behind the surface; 0 where no view shows
-    /// it.
+    /// Distance from each corner to the surface, in world units, negative behind the surface; 0 if no view shows
+    /// the corner.
     pub(super) distance: Box<[f32; ALL]>,
     /// Standard deviation of the distances that views report at the surface, in world units.
     pub(super) deviation: f32,
@@ -88,7 +88,7 @@ impl Block {
     }
 }
 
-/// Memory of a block, in bytes.
+/// Memory used by a block, in bytes.
 pub const BLOCK_BYTES: u64 = (ALL * 5 + 128) as u64;
 
 /// The field: its blocks, sorted by cube.
@@ -105,7 +105,7 @@ struct Row {
     x: [f32; CORNERS],
     y: [f32; CORNERS],
     depth: [f32; CORNERS],
-    /// Distance from the eye divided by the depth.
+    /// For each corner, the distance from the eye divided by the planar depth.
     stretch: [f32; CORNERS],
 }
 
@@ -209,8 +209,8 @@ fn fused(cube: Cube, views: &[DepthView], levels: &Levels, far: f32) -> Block {
 }
 
 impl DepthView {
-    /// True unless a ball is certainly outside the picture, or certainly hidden at a depth of more than `behind`
-    /// behind the visible surface.
+    /// True unless a ball is certainly outside the picture, or certainly hidden behind the visible surface by more
+    /// than `behind`.
     fn may_see(&self, middle: Vec3, radius: f32, behind: f32) -> bool {
         let offset = middle - self.eye;
         let depth = offset.dot(self.forward);

@@ -10,22 +10,23 @@ use crate::types::{Camera, Splats};
 /// Longest side of the picture that is compared, in pixels.
 const SIDE_PX: u32 = 256;
 
-/// Difference between a mesh and splats in a view.
+/// Differences between a mesh and splats in a view.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Fit {
-    /// Median difference of the distances along the ray, in world units. `None` if there are no pixels to compare.
+    /// Median of the absolute difference between the distances to the mesh and to the splats, in world units.
+    /// `None` if no pixel shows both in the compared region.
     pub median: Option<f64>,
-    /// 95th percentile of the difference.
+    /// 95th percentile of this difference, in world units.
     pub most: Option<f64>,
-    /// Share of the pixels that show splats in the compared region but no mesh.
+    /// Pixels that show splats in the compared region but no mesh, as a share of all pixels.
     pub holes: f64,
-    /// Share of the pixels that show the mesh but no splats.
+    /// Pixels that show the mesh but no splats in the compared region, as a share of all pixels.
     pub extra: f64,
-    /// Share of the pixels that see the mesh from behind.
+    /// Pixels that show the back of the mesh, as a share of all pixels.
     pub backs: f64,
 }
 
-/// Same camera with a resolution of at most [`SIDE_PX`] pixels per side.
+/// The same camera, with a picture of at most [`SIDE_PX`] pixels per side.
 fn small(camera: &Camera) -> Camera {
     let scale = (f64::from(SIDE_PX) / f64::from(camera.width_px.max(camera.height_px))).min(1.0);
     let pixels = |px: u32| ((f64::from(px) * scale).round() as u32).max(1);
@@ -45,8 +46,8 @@ fn small(camera: &Camera) -> Camera {
     }
 }
 
-/// Compares triangles, relative to an origin, with the splats in the view of a camera. Only points for which
-/// `within` is true are compared.
+/// Compares triangles with the splats in the view of a camera. The coordinates of the triangles, and the argument
+/// of `within`, are relative to `origin`. Only splat surface points for which `within` is true are compared.
 pub fn fit(
     (splats, blocks): (&Splats, &Blocks),
     (triangles, origin): (&Bvh, DVec3),

@@ -3,8 +3,8 @@
 //! The noise of splats is the same in all views, so more views do not remove it: neighbouring trained splats of a
 //! paved path differ by centimetres. Around each corner of a cube, a plane is fitted to the surface in the eight
 //! adjacent cubes. Where the surface agrees with that plane to within its own noise, which is the deviation between
-//! the views, distances to the surface are replaced by distances to the plane. No point moves by more than twice the
-//! noise, and parts that deviate by more, such as a kerb, do not move.
+//! the views, distances to the surface are replaced with distances to the plane. No point moves by more than twice
+//! the noise, and parts that deviate by more, such as a kerb, do not move.
 
 use engine::{Context, NodeError};
 use glam::{DMat3, DVec3, Vec3};
@@ -18,7 +18,8 @@ const SIGMAS: f64 = 3.0;
 /// since the mesh can represent them. Without this limit, views at grazing angles, which disagree by centimetres,
 /// would tilt the top of a box.
 const MOST_CELLS: f64 = 0.25;
-/// Minimum number of points that determine a plane: a quarter of the points of a plane that crosses one layer of cubes.
+/// Minimum number of points to which a plane is fitted. A flat surface through four adjacent cubes has about four
+/// times as many.
 const FEWEST: f64 = 64.0;
 /// Minimum length of the mean normal of a surface that faces one direction.
 const COHERENT: f64 = 0.5;
@@ -80,8 +81,8 @@ impl Patch {
         self.normal += times * other.normal;
     }
 
-    /// Fits a plane to the points. The second value is true if they lie on it to within the noise. `None` if there
-    /// are too few points or their normals disagree.
+    /// Fits a plane to the points. The second value is true if the points lie on the plane to within the noise.
+    /// `None` if there are too few points or their normals disagree.
     fn plane(&self, noise: f64) -> Option<(Plane, bool)> {
         if self.points < FEWEST || self.normal.length() < COHERENT * self.points {
             return None;
@@ -158,7 +159,7 @@ fn ends(cube: Cube) -> [Cube; 8] {
 }
 
 impl Field<'_> {
-    /// Removes noise from the flat parts.
+    /// Removes noise from the flat parts of the field.
     pub(super) fn flatten(&mut self, cx: &Context) -> Result<(), NodeError> {
         let (blocks, levels) = (&self.blocks, self.levels);
         let patches = tiled(blocks.len(), &|i| Patch::of(&blocks[i], levels, None), cx)?;
@@ -237,7 +238,7 @@ impl Field<'_> {
     }
 }
 
-/// Results of `of` for every index below `count`, computed in parallel and returned in order.
+/// Calls `of` for every index below `count` in parallel. Returns the results in the order of the indices.
 fn tiled<T: Send>(count: usize, of: &(dyn Fn(usize) -> T + Sync), cx: &Context) -> Result<Vec<T>, NodeError> {
     const TILE: usize = 64;
     let groups = cx.for_each_tile(count.div_ceil(TILE), |tile| {
@@ -246,7 +247,8 @@ fn tiled<T: Send>(count: usize, of: &(dyn Fn(usize) -> T + Sync), cx: &Context) 
     Ok(groups.into_iter().flatten().collect())
 }
 
-/// Distances of a block with the planes at its eight corners, interpolated between the corners.
+/// Flattened distances of a block. From each distance, its excess over the plane (see [`Plane::excess`]) is
+/// subtracted, interpolated between the planes at the eight corners of the block.
 fn flat(block: &Block, planes: &[Option<Plane>; 8], levels: &Levels) -> Box<[f32; ALL]> {
     let first = block.cube.corner();
     let mut distance = block.distance.clone();

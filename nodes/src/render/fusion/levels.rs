@@ -6,7 +6,7 @@ use glam::Vec3;
 /// Number of cells along the side of a cube.
 pub const SIDE: i32 = 8;
 
-/// Ratio of the reach of a level to the reach of the previous level.
+/// Ratio of the reach of a level (see [`Levels::reach`]) to the reach of the next finer level.
 const GROWTH: f32 = 2.5;
 
 /// Maximum number of levels.
@@ -22,32 +22,32 @@ pub struct Cube {
 }
 
 impl Cube {
-    /// Side of the cells of the cube, in finest cells.
+    /// Side of a cell of the cube, in units of the finest cells.
     pub fn step(self) -> i32 {
         1 << self.level
     }
 
-    /// Corner of the cube with the smallest coordinates, in finest cells.
+    /// The corner of the cube that has the smallest coordinates, in units of the finest cells.
     pub fn corner(self) -> [i32; 3] {
         self.at.map(|at| at * (SIDE << self.level))
     }
 }
 
-/// Sizes of cells by position.
+/// Levels of cells, which determine the size of the cells at each position.
 #[derive(Debug, Clone)]
 pub struct Levels {
     /// Side of the finest cells, in world units.
     pub cell: f32,
     /// Points around which cells are finest.
     pub foci: Vec<Vec3>,
-    /// For each level, the maximum distance from the nearest focus, in world units. The mesh ends at the reach of
-    /// the last level.
+    /// For each level, the maximum distance of its cells from the nearest focus, in world units. The mesh ends at
+    /// the reach of the last level.
     pub reach: Vec<f32>,
 }
 
 impl Levels {
-    /// Makes levels that start with cells of side `cell` up to `radius` around the foci, and end at `reach`,
-    /// all in world units.
+    /// Creates the levels. Cells have the side `cell` up to the distance `radius` from the foci, and the last level
+    /// ends at the distance `reach`. All are in world units.
     pub fn new(cell: f32, foci: Vec<Vec3>, radius: f32, reach: f32) -> Self {
         let mut reaches = vec![radius.min(reach)];
         while let Some(last) = reaches.last().copied().filter(|last| *last < reach) {
@@ -80,7 +80,7 @@ impl Levels {
         cube.level > 0 && self.distance_to(cube) < self.reach[cube.level as usize - 1]
     }
 
-    /// Cube that contains a point. `None` beyond the reach.
+    /// Cube that contains a point. `None` if the point is beyond the reach of the last level.
     pub fn cube_at(&self, point: Vec3) -> Option<Cube> {
         if !point.is_finite() || self.distance(point, point) >= *self.reach.last()? {
             return None;

@@ -22,7 +22,8 @@ fn root(parents: &mut [u32], mut of: u32) -> u32 {
     of
 }
 
-/// Removes pieces with less than a minimum area, given for each level of cells in square world units.
+/// Removes pieces that are smaller than a minimum area. `least` returns this area for a level of cells, in square
+/// world units.
 pub fn without_small(surface: &mut Surface, least: &dyn Fn(u8) -> f64) -> Pieces {
     let mut parents: Vec<u32> = (0..surface.points.len() as u32).collect();
     for [a, b, c] in &surface.triangles {

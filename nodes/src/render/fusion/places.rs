@@ -11,15 +11,15 @@ use crate::types::{Camera, Splats};
 
 /// Angle by which a face extends beyond 45 degrees, so that no point lies between the pixels of two faces.
 const GUARD_DEG: f64 = 3.0;
-/// Number of consecutive places found too near to a surface after which the search ends.
+/// Maximum number of consecutive candidates that are too near to a surface. When it is reached, the search ends.
 const FAILURES: usize = 8;
-/// Minimum distance between two places, in clearances.
+/// Minimum distance between two places, as a multiple of [`Places::clearance`].
 const APART: f32 = 1.8;
-/// Distances from one place to the next that are tried, in clearances.
+/// Distances that are tried from a place to the next place, as multiples of [`Places::clearance`].
 const STEPS: [f32; 3] = [2.0, 4.0, 7.0];
 /// Number of horizontal directions around a place that are tried.
 const AZIMUTHS: usize = 12;
-/// Changes of height from one place to the next that are tried, in clearances.
+/// Differences in height that are tried between a place and the next place, as multiples of [`Places::clearance`].
 const RISES: [f32; 3] = [-1.2, 0.0, 1.6];
 /// Maximum share of the pixels seen from a place that may show surfaces nearer than the clearance.
 const NEARER: f64 = 0.02;
@@ -28,7 +28,8 @@ const NEARER: f64 = 0.02;
 const BLOCKED_METRES: f64 = 0.02;
 /// Field of view of the views from above, in degrees.
 const STEEP_DEG: f64 = 70.0;
-/// Positions of the views from above: metres above the ground and sideways, tried in this order.
+/// Positions of the views from above, relative to the focus: height and horizontal distance, in metres. They are
+/// tried in this order.
 const STEEP: [[f64; 2]; 4] = [[1.8, 0.7], [1.2, 0.5], [0.7, 0.35], [0.35, 0.2]];
 
 /// Inputs of the search for places.
@@ -36,7 +37,7 @@ pub struct Ground<'a> {
     pub splats: &'a Splats,
     pub blocks: &'a Blocks,
     pub settings: &'a Settings,
-    /// World position that the places are relative to.
+    /// World position to which the positions of the places are relative.
     pub origin: DVec3,
     /// Unit vectors to the right, forward and up.
     pub axes: [DVec3; 3],
@@ -57,11 +58,11 @@ pub struct Places {
     pub blocked: usize,
     /// Minimum distance between a place and a surface, in world units.
     pub clearance: f32,
-    /// Number of places that turned out too near to a surface.
+    /// Number of candidates that were discarded because they are too near to a surface.
     pub failed: usize,
     /// Number of views of the focus from above.
     pub steep: usize,
-    /// Median distance of the surfaces that the given places see, in world units.
+    /// Median distance from the given places to the surfaces that are visible from them, in world units.
     pub median: f32,
 }
 
@@ -97,7 +98,8 @@ impl Ground<'_> {
     }
 }
 
-/// Distances of the surfaces that the views show, from near to far; infinite where a pixel shows none.
+/// Distance from the eye to the surface for each pixel of the views, in ascending order; infinite for pixels that
+/// show no surface.
 fn distances(views: &[DepthView]) -> Vec<f32> {
     let mut all = Vec::new();
     for view in views {
@@ -261,7 +263,8 @@ impl Places {
         Ok(())
     }
 
-    /// True if a place has seen that the clearance around a point is empty.
+    /// True if the views from one of the places show that the space within `clearance` around a point is empty, and
+    /// that nothing hides it.
     fn is_free(&self, point: Vec3, clearance: f32) -> bool {
         (0..self.eyes.len()).any(|place| {
             let ahead = point - self.eyes[place];
@@ -300,7 +303,7 @@ impl Places {
     }
 }
 
-/// Selects at most `most` of the points, each as far as possible from the points selected before it.
+/// Selects up to `most` of the points. Each is the point farthest from those selected before it.
 fn farthest_first(points: &[Vec3], most: usize) -> Vec<Vec3> {
     let mut kept: Vec<Vec3> = points.first().copied().into_iter().collect();
     let mut apart: Vec<f32> = points.iter().map(|point| (*point - kept[0]).length_squared()).collect();

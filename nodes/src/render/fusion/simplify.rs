@@ -12,15 +12,15 @@ use super::tint::Seen;
 
 /// Weight that pulls a merged point to the midpoint of its edge where the quadric does not determine it.
 const TIDY: f64 = 1e-3;
-/// Weight of the border of the surface, per square of the length of a border edge.
+/// Weight of a border edge of the surface, divided by the square of the length of the edge.
 const BORDER: f64 = 10.0;
 /// Minimum cosine between the normals of a triangle before and after a contraction.
 const TURNED: f64 = 0.3;
 /// Number of triangles after which the code checks again whether the run was cancelled.
 const CHECKED: usize = 1 << 12;
-/// Shares of the squared error that the first passes allow, in order.
+/// Shares of the maximum squared error that the first passes allow, one for each pass.
 const SHARES: [f64; 5] = [0.0004, 0.004, 0.02, 0.1, 0.3];
-/// Maximum number of further passes, which allow all of the error.
+/// Maximum number of further passes, which allow the whole maximum squared error.
 const LAST_PASSES: usize = 6;
 
 /// Weighted sum of squared distances from planes, as a function of the position x: `x.A x + 2 b.x + c`.
@@ -87,7 +87,7 @@ struct Mesh<'a> {
     levels: Vec<u8>,
     seen: Vec<Seen>,
     quadrics: Vec<Quadric>,
-    /// Indices of the triangles at each point, some of which may have been removed.
+    /// For each point, the indices of the triangles that contain it. Some of these triangles may have been removed.
     at: Vec<Vec<u32>>,
     triangles: Vec<[u32; 3]>,
     gone: Vec<bool>,
@@ -114,7 +114,7 @@ impl Mesh<'_> {
         to.sort_unstable();
     }
 
-    /// True if the squared error of contracting an edge is at most this share of the allowed squared error.
+    /// True if the squared error of contracting an edge is at most `share` of the allowed squared error.
     fn is_cheap(&self, a: u32, b: u32, share: f64) -> bool {
         let (cost, place, _) = self.joined(a, b);
         let (error, _) = (self.bounds)(self.levels[a as usize].min(self.levels[b as usize]));
@@ -130,8 +130,8 @@ impl Mesh<'_> {
         (cost, place, quadric)
     }
 
-    /// Contracts an edge into its first point, unless the surface would fold or change its topology. Returns
-    /// whether it did.
+    /// Contracts an edge into its first point, unless the surface would fold or change its topology. Returns true
+    /// if the edge was contracted.
     fn contract(&mut self, a: u32, b: u32, [around_a, around_b]: [&mut Vec<u32>; 2]) -> bool {
         self.around(a, around_a);
         self.around(b, around_b);
@@ -206,7 +206,7 @@ impl Mesh<'_> {
     }
 }
 
-/// Interpolates between two points, with weight `share` of the second.
+/// Interpolates between two points. The second point has the weight `share`.
 fn mixed(a: &Seen, b: &Seen, share: f32) -> Seen {
     let mix = |a: f32, b: f32| a + (b - a) * share;
     Seen {

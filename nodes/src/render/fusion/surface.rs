@@ -1,7 +1,7 @@
 //! Surface where the field is 0, by surface nets (Gibson 1998) over cells of several sizes (Ju et al. 2002). Each
-//! cell that the surface passes through has a point, which is the mean of the crossings with its edges. Each
-//! crossed edge has a quadrangle around it. Cells with a corner that no view shows have no point, so the mesh is
-//! open there.
+//! cell that the surface passes through has a point, which is the mean of the positions where the surface crosses
+//! the edges of the cell. Each crossed edge is surrounded by a quadrilateral, whose corners are the points of the
+//! four cells at the edge. Cells with a corner that no view shows have no point, so the mesh is open there.
 
 use engine::{Context, NodeError};
 use glam::Vec3;
@@ -14,12 +14,12 @@ use super::levels::SIDE;
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Surface {
     pub points: Vec<Vec3>,
-    /// Level of the cell of each point.
+    /// For each point, the level of the cell that contains it.
     pub levels: Vec<u8>,
     pub triangles: Vec<[u32; 3]>,
 }
 
-/// Edge that the surface crosses.
+/// An edge that the surface crosses.
 struct Crossing {
     /// Indices of the four cells around the edge, counter-clockwise as seen from its empty end.
     cells: [u32; 4],

@@ -1,4 +1,4 @@
-//! Colours of points. Each is the mean of the colours that the views show there.
+//! Colours of surface points. Each is the mean of the colours that the views show at the point.
 
 use engine::{Context, NodeError};
 use glam::Vec3;
@@ -15,7 +15,8 @@ pub struct Seen {
     pub colour: [f32; 3],
     /// Number of views that see the point.
     pub views: u16,
-    /// Standard deviation of the observed distance, perpendicular to the surface, in world units.
+    /// Standard deviation of the surface positions that the views observe, perpendicular to the surface, in world
+    /// units.
     pub deviation: f32,
 }
 

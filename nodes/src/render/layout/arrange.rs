@@ -14,12 +14,13 @@ use crate::types::{Object, Rig, Splats};
 const KNOWN: f64 = 0.5;
 /// Range of heights above the floor at which objects are placed, in metres, if the scale is known.
 const HEIGHTS: [f64; 2] = [-0.1, 1.15];
-/// Minimum radius of a level surface that is used if there is no floor, in radii of the scene.
+/// Minimum radius of a level surface on which the object is placed if the scene has no floor, as a share of the
+/// radius of the scene.
 const SMALL: f64 = 0.1;
-/// Distance of the inserted object from the middle of the scene, in radii of the scene, if the scene is a captured
-/// object without ground.
+/// Distance from the middle of the scene to the inserted object, as a share of the radius of the scene, if the
+/// scene is a captured object without ground.
 const ASIDE: f64 = 0.35;
-/// Largest radius of an object, as a fraction of the distance from its place to the edge of the surface.
+/// Maximum radius of an object, as a share of the distance from its place to the edge of the surface.
 const ROOM: f64 = 0.7;
 
 /// Bounding box of an object in the frame of its file: y up, in metres.
@@ -63,7 +64,7 @@ pub struct Arrangement {
     pub surface: Option<Surface>,
     /// Point that the object stands on, in world units.
     pub place: DVec3,
-    /// Scale of the object relative to its true size.
+    /// Scale of the object, where 1 is its true size.
     pub scale: f64,
     /// True if `scale` follows from the available space, and not from the size of the object.
     pub fitted: bool,
@@ -71,8 +72,8 @@ pub struct Arrangement {
     pub view: Option<View>,
 }
 
-/// Finds a place for the object and a camera. `metres_per_unit` is the length of a world unit in metres, which
-/// converts the size of the object to world units.
+/// Finds a place for the object, and a camera that sees it. `metres_per_unit` is the length of a world unit in
+/// metres, which converts the size of the object to world units.
 pub fn arrange(
     splats: &Splats,
     stand: &LevelEstimate,
@@ -140,8 +141,8 @@ fn lowest(splats: &Splats, stand: &LevelEstimate, up: DVec3) -> f64 {
     heights.get(heights.len() / 1000).copied().unwrap_or(stand.floor)
 }
 
-/// Moves a surface to the median height of the splats around its place, which is more exact than the height of the
-/// cells.
+/// Moves a surface to the median height of the splats around its place. This height is more accurate than the
+/// height of the grid cells.
 fn settled(splats: &Splats, grid: &Grid, surface: &Surface, floor: f64) -> Surface {
     let up = grid.axes.z_axis;
     let reach = (0.5 * surface.radius).max(1.5 * grid.cell);

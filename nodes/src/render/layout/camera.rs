@@ -10,9 +10,9 @@ use crate::types::{Camera, Splats};
 
 /// Number of horizontal directions around the place that are tried.
 const AROUND: usize = 24;
-/// Elevations of the camera as seen from the place, in degrees.
+/// Elevations of the camera above the place that are tried, in degrees.
 const RISES: [f64; 4] = [9.0, 15.0, 23.0, 35.0];
-/// Distances of the camera, in sizes of the object.
+/// Distances from the camera to the place that are tried, as multiples of the size of the object.
 const AWAY: [f64; 3] = [2.5, 3.3, 4.6];
 /// Number of candidate cameras for which a small picture is rendered.
 const TRIED: usize = 28;
@@ -97,8 +97,8 @@ fn judge(
 }
 
 /// Finds the camera that sees a subject best. Candidates are in free space, and are compared by rendering small
-/// pictures. `hint` lists the positions of the cameras of the capture, in world units, because the scene is known
-/// to look right from there.
+/// pictures. `hint` lists the positions of the cameras of the capture, in world units, because the scene was
+/// captured from there and so looks right.
 pub fn best_view(
     splats: &Splats,
     grid: &Grid,

@@ -1,4 +1,4 @@
-//! Grid of upright cells that distinguishes solid from free space in a scene.
+//! Grid of upright cells that records which parts of a scene are solid and which are free.
 
 use glam::{DMat3, DVec3};
 
@@ -11,9 +11,10 @@ const SIDE: usize = 320;
 const STOREYS: usize = 160;
 /// Number of cells per radius of the scene, if its splats are fine enough.
 const FINE: f64 = 160.0;
-/// Minimum sum of opacity times area of the splats in a solid cell, relative to the area of one side of the cell.
+/// A cell is solid if the sum of opacity times area over its splats is at least this multiple of the area of one
+/// side of the cell.
 const SOLID: f32 = 0.25;
-/// Minimum opacity of a splat; more transparent ones are ignored as fog.
+/// Minimum opacity of a splat. More transparent splats are ignored as fog.
 const FAINT: f32 = 0.15;
 /// Number of samples along each axis of a large splat.
 const SAMPLES: i32 = 8;
@@ -144,7 +145,7 @@ impl Grid {
         most
     }
 
-    /// True if all cells within a distance of a point are free. Space outside the grid is free.
+    /// True if all cells within `radius` of a point are free. Space outside the grid is free.
     pub fn is_clear(&self, at: DVec3, radius: f64) -> bool {
         let n = (radius / self.cell).ceil() as i32;
         let around = |k: i32| f64::from(k) * self.cell;

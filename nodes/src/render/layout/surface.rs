@@ -107,7 +107,7 @@ pub fn surfaces(grid: &Grid, floor: f64, wish: &Wish) -> Vec<Surface> {
     found
 }
 
-/// Best place of a surface.
+/// Best place of one surface, which consists of `cells`.
 fn best(
     grid: &Grid,
     floor: f64,

@@ -54,7 +54,7 @@ impl Canvas {
         Self { width, height, rgb: seen.rgba.chunks_exact(4).map(over).collect() }
     }
 
-    /// Mixes a colour into a pixel. Positions outside the picture are ignored.
+    /// Mixes a colour into a pixel with the weight `share`. Positions outside the picture are ignored.
     pub fn mix(&mut self, x: i64, y: i64, colour: [f32; 3], share: f32) {
         if x >= 0 && y >= 0 && (x as usize) < self.width && (y as usize) < self.height {
             let pixel = &mut self.rgb[y as usize * self.width + x as usize];
@@ -62,7 +62,7 @@ impl Canvas {
         }
     }
 
-    /// Draws a straight line.
+    /// Draws a straight line, whose colour has the weight `share`.
     pub fn line(&mut self, from: [f64; 2], to: [f64; 2], colour: [f32; 3], share: f32) {
         let steps = (to[0] - from[0]).abs().max((to[1] - from[1]).abs()).ceil().clamp(1.0, 20_000.0);
         for i in 0..=steps as usize {

@@ -8,8 +8,8 @@ use crate::geometry::level::LevelEstimate;
 use crate::render::splat::{Settings, render};
 use crate::types::{Camera, Splats};
 
-/// Height of the camera above the floor, in half sides of the plan. It is large, so that the rays are nearly
-/// parallel.
+/// Height of the camera above the floor, as a multiple of half the side of the plan. It is large, so that the rays
+/// are nearly parallel.
 const HIGH: f64 = 40.0;
 /// Approximate number of lines of the grid.
 const LINES: f64 = 12.0;

@@ -6,7 +6,7 @@ use crate::io::splats::{SH_C0, quaternion};
 use crate::math::color::srgb_from_linear;
 use crate::types::{Mesh, Object, Splats};
 
-/// Approximate number of splats of a surface.
+/// Approximate number of splats into which a surface is converted.
 const COUNT: f64 = 200_000.0;
 
 /// A triangle with its colour in linear light.

@@ -1,4 +1,4 @@
-//! Views of a scene, either from positions where a person would stand or from around it.
+//! Views of a scene, either from positions where a person would stand or from positions around the scene.
 
 use engine::{Context, NodeError};
 use glam::DVec3;

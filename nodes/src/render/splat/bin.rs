@@ -1,5 +1,5 @@
-//! Groups of tiles whose lists are in memory together. For each group, the footprints of each row of tiles are
-//! sorted by a stable sort and then listed by tile.
+//! Groups of tiles whose lists are in memory at the same time. For each group, the footprints of each row of tiles
+//! are sorted by a stable sort and then listed by tile.
 
 use std::ops::Range;
 
@@ -12,17 +12,17 @@ use super::project::{Entry, Footprint, Projected};
 use super::settings::{LIST_BYTES, TILE};
 use super::{Bounds, Settings};
 
-/// Tiles whose lists are in memory together: a rectangle of rows and columns of tiles.
+/// A rectangle of tiles whose lists are in memory at the same time.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Group {
     rows: Range<usize>,
     columns: Range<usize>,
 }
 
-/// Maximum memory per footprint in the lists of a row of tiles, in bytes. There are three copies of each entry
+/// Maximum memory for each footprint in the list of a row of tiles, in bytes. There are three copies of each entry
 /// during sorting.
 const ENTRY_BYTES: u64 = 3 * size_of::<Entry>() as u64;
-/// Memory per footprint in the list of a tile, in bytes.
+/// Memory for each footprint in the list of a tile, in bytes.
 const PAIR_BYTES: u64 = size_of::<u32>() as u64;
 
 /// Maximum memory for rendering a picture of this size with this number of splats, in bytes: footprints, keys and
@@ -106,8 +106,8 @@ fn sorted(mut from: Vec<Entry>, cx: &Context) -> Vec<Entry> {
     from
 }
 
-/// Footprints that touch each row of a group, front to back. If the settings have no bounds, there is a single row
-/// that contains all footprints.
+/// For each row of tiles of a group, the footprints that touch it, front to back. If the settings have no bounds,
+/// there is a single row that contains all footprints.
 pub(super) fn sort(
     projected: &Projected,
     group: &Group,
@@ -133,7 +133,7 @@ pub(super) struct Lists<'a> {
 enum ListsOf {
     /// One list of all footprints, for every tile.
     All(Vec<u32>),
-    /// Lists by column, for each row of tiles.
+    /// For each row of tiles, one list per column.
     Rows(Vec<Listed<u32>>),
 }
 

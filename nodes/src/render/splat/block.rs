@@ -1,5 +1,5 @@
-//! Blocks of consecutive splats in the file, with bounds. Most captures are stored along a space-filling curve, so
-//! their blocks are small. In other orders the blocks are large and save no time.
+//! Blocks of splats that are consecutive in the file, with bounds. Most captures are stored along a space-filling
+//! curve, so their blocks are small. In other orders the blocks are large and save no time.
 
 use std::ops::Range;
 
@@ -36,14 +36,14 @@ impl Blocks {
     }
 }
 
-/// Bounding box of the centres of some splats, and the length of their longest axis.
+/// Bounding box of the centres of some splats, and the longest axis among these splats.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Block {
     /// Middle of the box.
     middle: DVec3,
     /// Half of the sides of the box.
     half: DVec3,
-    /// Longest standard deviation, in world units.
+    /// Largest standard deviation of any of the splats along any axis, in world units.
     pub longest: f64,
 }
 
@@ -75,7 +75,8 @@ impl Block {
         Self { middle: self.middle - eye, half: self.half + eye.abs() * SLACK, ..*self }
     }
 
-    /// An upper bound of `along . d + constant` for any centre at `d` from the eye, including rounding.
+    /// Upper bound of `along . d + constant` over all centres, where `d` is the vector from the eye to the centre.
+    /// The bound allows for rounding.
     #[inline(always)]
     pub(super) fn most(&self, along: DVec3, constant: f64) -> f64 {
         let (size, slack) = (along.abs(), DVec3::splat(SLACK));

@@ -56,10 +56,10 @@ pub(super) trait CameraModel: Sync {
     fn size(&self) -> (usize, usize);
     /// Number of pixel columns after which the picture repeats; `None` if it does not repeat.
     fn period(&self) -> Option<u32>;
-    /// True if a point at `d` from the eye is at or below the near depth.
+    /// True if the depth of a point at `d` from the eye is at most `near`.
     fn is_behind(&self, d: DVec3, near: f64) -> bool;
-    /// True if a splat at `d` that is in front of the near plane and extends over at most `world` world units
-    /// plus `pixels` pixels cannot be visible in the picture.
+    /// True if a splat at `d` cannot be visible in the picture. The splat must be beyond the near plane, and must
+    /// extend over at most `world` world units plus `pixels` pixels.
     fn is_aside(&self, d: DVec3, world: f64, pixels: f64) -> bool;
     /// Projects a point at `d` for which `is_behind` and `is_aside` are false.
     fn project_centre(&self, d: DVec3) -> ProjectedCentre;
@@ -69,7 +69,8 @@ pub(super) trait CameraModel: Sync {
     /// True if `is_behind` or `is_aside` holds for every splat of the block. Each splat is assumed to extend over
     /// at most `sigmas` times its longest axis plus `pixels` pixels.
     fn misses(&self, block: &Block, near: f64, sigmas: f64, pixels: f64) -> bool;
-    /// Tiles with a pixel centre inside a box, including its edge.
+    /// Tiles with a pixel centre inside a box or on its edge. The box is centred at `(u, v)` and extends by
+    /// `half_x` and `half_y` to each side, in pixels.
     fn exact_reach(&self, u: f64, v: f64, half_x: f64, half_y: f64) -> Option<TileRange>;
     /// Tiles that the INRIA rasterizer assigns to a splat with this covariance and determinant. They are the tiles
     /// that overlap a square around the centre, which extends 3 standard deviations of the longer axis to each side
@@ -311,7 +312,7 @@ impl CameraModel for Pinhole {
     }
 }
 
-/// Rows of a panorama, in the layout of [`crate::math::equirect`].
+/// Camera model for some rows of a panorama in the layout of [`crate::math::equirect`].
 pub(super) struct Sphere {
     eye: DVec3,
     right: DVec3,
@@ -322,7 +323,7 @@ pub(super) struct Sphere {
 }
 
 impl Sphere {
-    /// Creates a camera for some rows of the layout.
+    /// Creates the camera model for the given rows of the layout.
     pub(super) fn new(eye: DVec3, up: Up, width_px: u32, rows: Range<u32>) -> Self {
         let [right, forward, above] = equirect::axes(up);
         Self { eye, right, forward, above, width: width_px, rows }
@@ -399,8 +400,8 @@ impl CameraModel for Sphere {
         Some(TileRange { x0, x1, y0, y1 })
     }
 
-    /// Tiles of the same square as for a pinhole camera, clamped at the poles and wrapped around. The INRIA
-    /// rasterizer itself renders no panoramas.
+    /// Tiles that overlap the same square as for a pinhole camera, clamped at the poles and wrapped around
+    /// horizontally. The INRIA rasterizer itself does not render panoramas.
     fn inria_reach(&self, u: f64, v: f64, xx: f64, yy: f64, det: f64) -> Option<TileRange> {
         let middle = 0.5 * (xx + yy);
         let radius = (3.0 * (middle + (middle * middle - det).max(0.1).sqrt()).sqrt()).ceil();

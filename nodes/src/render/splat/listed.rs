@@ -1,4 +1,4 @@
-//! Lists of values for each of a number of slots (such as rows or columns of tiles), built by a counting sort.
+//! Lists of values, one for each of several slots (such as rows or columns of tiles), built by a counting sort.
 
 use std::ops::Range;
 

@@ -61,11 +61,11 @@ pub struct Work {
     pub degenerate: u64,
     /// Number of splats with a colour that was clamped to the maximum or overflowed.
     pub held: u64,
-    /// Number of pairs of a splat and a tile.
+    /// Number of pairs of a splat and a tile that lists it.
     pub tile_pairs: u64,
-    /// Number of evaluations of a splat at a pixel.
+    /// Number of times that a splat was evaluated at a pixel.
     pub evaluations: u64,
-    /// Number of blends of a splat into a pixel.
+    /// Number of times that a splat was blended into a pixel.
     pub blends: u64,
 }
 
@@ -86,8 +86,8 @@ impl AddAssign for Work {
 }
 
 impl Work {
-    /// Adds the counts to the report, and notes about splats that were left out. `splats` is the number of
-    /// splats of the scene.
+    /// Reports the counts to `cx`, and adds notes about splats that were left out. `splats` is the number of splats
+    /// of the scene.
     pub(crate) fn report(&self, splats: usize, settings: &Settings, cx: &Context, notes: &mut Notes) {
         let near = settings.near;
         cx.count("splats_visited", self.visited);
@@ -114,18 +114,21 @@ impl Work {
         if self.projected * 100 < splats as u64 {
             let most = |count: u64| count * 2 >= self.visited + self.skipped;
             let why = if splats > 0 && most(self.faint) {
-                format!("most have an opacity of 0 or below `alpha_cut` ({:.6})", settings.alpha_cut)
+                format!(
+                    "most splats have an opacity that is 0 or below `alpha_cut` ({:.6})",
+                    settings.alpha_cut
+                )
             } else if most(self.behind) {
                 format!(
-                    "most are behind the camera or nearer than `near` ({near} world units): is `near` too large for this scene, or does the camera look away from it?"
+                    "most splats are behind the camera or nearer than `near` ({near} world units); check that `near` is not too large for this scene, and that the camera looks towards it"
                 )
             } else if self.degenerate > self.projected {
                 format!(
-                    "the footprints of {} are not finite ellipses: are their scales correct?",
+                    "footprints that are not finite ellipses were left out ({}); check the scales of the splats",
                     self.degenerate
                 )
             } else {
-                "do the camera and the splats use the same frame and scale?".to_owned()
+                "check that the camera and the splats use the same frame and scale".to_owned()
             };
             let text = format!("{} of {splats} splats are visible; {why}", self.projected);
             notes.warning("few-splats-seen", text);
@@ -133,7 +136,7 @@ impl Work {
     }
 }
 
-/// View of one camera.
+/// The rendered view of one camera.
 pub struct Rendered {
     /// Premultiplied RGB and alpha of each pixel, row by row.
     pub rgba: Vec<f32>,
@@ -141,8 +144,8 @@ pub struct Rendered {
     pub depth: Vec<f32>,
     /// Number of splats blended into each pixel; empty unless they are counted.
     pub blends: Vec<f32>,
-    /// Mean depth of the front sheet of splats: less noisy than the depth of one splat, and not nearer than the sheet.
-    /// Empty for panoramas and for depth modes other than `RayMedian`.
+    /// Mean depth of the splats that represent the front surface at each pixel. It is less noisy than the depth of
+    /// one splat, and no nearer than this surface. Empty for panoramas and for depth modes other than `RayMedian`.
     pub front: Vec<f32>,
     /// Relative difference between the mean depth of the blended splats and `depth`: near 0 where one surface is
     /// visible, large where several are. Empty for panoramas and for depth modes other than `RayMedian`.
@@ -154,7 +157,7 @@ pub struct Rendered {
     pub seconds: [f64; 4],
 }
 
-/// Returns the time in seconds.
+/// Function that returns the current time in seconds.
 pub type Clock<'a> = &'a (dyn Fn() -> f64 + Sync);
 
 /// Maximum number of pixels of a picture.
@@ -191,7 +194,8 @@ pub fn render(
     render_with(splats, None, camera, limit, settings, cx)
 }
 
-/// Same as [`render`], but skips blocks that are not visible. Used to render several pictures of a scene.
+/// Same as [`render`], but skips blocks of splats that are not visible, if `blocks` is given. Used to render
+/// several pictures of a scene.
 pub fn render_with(
     splats: &Splats,
     blocks: Option<&Blocks>,

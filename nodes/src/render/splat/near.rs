@@ -11,7 +11,7 @@ const SOLID: f32 = 0.5;
 /// Minimum share of the solid splats in front of the eye that must be cut away for a warning.
 pub(crate) const REPORTED: f64 = 0.02;
 
-/// Numbers of solid splats in front of the eye that are cut away and that are kept.
+/// Solid splats in front of the eye: the number that is cut away, and the number that is kept.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 struct Count {
     cut: u64,
@@ -55,7 +55,7 @@ pub(crate) fn warning(share: f64, near_m: f64, near: f64, view: &str) -> Option<
     (share >= REPORTED).then(|| {
         format!(
             "`near`, which is {near_m} m ({near} world units), cuts away {:.0} % of the solid splats in front of the \
-             eye{view}: lower it, or set `metres_per_unit` if a unit of the scene is not a metre",
+             eye{view}; use a smaller `near`, or set `metres_per_unit` if a unit of the scene is not a metre",
             100.0 * share
         )
     })
@@ -77,7 +77,7 @@ mod tests {
         splats
     }
 
-    /// The share counts only solid splats in front of the eye. This test fails if `depth <= near` is replaced by
+    /// The share counts only solid splats in front of the eye. This test fails if `depth <= near` is replaced with
     /// `depth < 0.0`.
     #[test]
     fn only_solid_splats_before_the_eye_count() {

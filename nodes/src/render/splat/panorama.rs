@@ -1,12 +1,12 @@
 //! Panoramas: splats drawn directly into the equirectangular layout, except for the two caps around the
 //! poles, which are drawn as pinhole pictures.
 //!
-//! A footprint can be drawn only where the layout is approximately linear over it. Near a pole it is not: a splat
-//! there covers a ring or a disc across all columns and not an ellipse. So directions within [`CAP`] of a pole are
-//! drawn by a camera that looks at the pole, and are then resampled. Between [`FADE`] and [`CAP`] the pinhole
-//! picture and the layout are blended. The caps cost no additional work. They cover a third of the pixels of the
-//! layout, and the two pinhole pictures together have slightly fewer pixels than that, although their resolution is
-//! higher.
+//! A footprint can be drawn only where the layout is approximately linear over it. Near a pole, the layout is not
+//! linear: a splat there covers a ring or a disc across all columns, not an ellipse. So directions within [`CAP`]
+//! of a pole are drawn by a camera that looks at the pole, and are then resampled. Between [`FADE`] and [`CAP`] the
+//! pinhole picture and the layout are blended. The caps cost no additional work. They cover a third of the pixels
+//! of the layout, and the two pinhole pictures together have slightly fewer pixels than that, although their
+//! resolution is higher.
 
 use std::f64::consts::{FRAC_PI_6, TAU};
 

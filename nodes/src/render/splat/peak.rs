@@ -22,7 +22,9 @@ const HELD_SIGMAS: f64 = 2.0;
 /// covariance.
 const THINNEST: f64 = 1e-3;
 
-/// Maximum relative difference between the inverse depth of a splat and the mean of its sheet.
+/// Maximum relative difference between the inverse depth of the peak of a splat and the mean inverse depth of a
+/// sheet, for the splat to belong to the sheet. A sheet is a group of consecutive splats along a ray that represent
+/// one surface.
 pub(super) const SHEET: f64 = 0.02;
 
 /// Minimum transmittance at which a splat of a sheet has full weight in the mean of the sheet. At lower
@@ -57,7 +59,7 @@ pub(super) struct Peak {
 }
 
 impl Peak {
-    /// Placeholder for buffers.
+    /// Placeholder for buffers that are filled later.
     pub(super) const NONE: Self =
         Self { inverse: 0.0, across: 0.0, down: 0.0, xx: 0.0, xy: 0.0, yy: 0.0, least: 0.0, most: 0.0 };
 

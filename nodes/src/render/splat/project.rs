@@ -48,7 +48,7 @@ pub(super) struct Entry {
     pub index: u32,
     /// First column of tiles.
     pub x0: u16,
-    /// End of the columns of tiles, with the same meaning as in [`TileRange`].
+    /// End of the range of columns of tiles (exclusive), as in [`TileRange`].
     pub x1: u16,
 }
 
@@ -56,10 +56,11 @@ pub(super) struct Entry {
 #[derive(Default)]
 struct Chunk {
     footprints: Vec<Footprint>,
-    /// For each splat, the distance by which its centre must lie in front of the limit for the splat to be drawn,
-    /// in world units. Empty if there is no limit or all of these distances are 0.
+    /// For each splat, the distance by which its centre must lie in front of the limiting surface (see
+    /// [`Limit`](super::Limit)) for the splat to be drawn, in world units. Empty if there is no such surface or all
+    /// of these distances are 0.
     margins: Vec<f32>,
-    /// Peak of each footprint along rays, for `RayMedian`.
+    /// Peak of each footprint, for `RayMedian`.
     peaks: Vec<Peak>,
     reaches: Vec<(u64, TileRange)>,
     skipped: u64,
@@ -101,8 +102,8 @@ impl Projected {
         })
     }
 
-    /// For each of the first `rows` rows of tiles: the number of footprints that touch it, and an upper bound of
-    /// the number of pairs of a footprint and a tile in it.
+    /// Returns two numbers for each of the first `rows` rows of tiles: the number of footprints that touch the row,
+    /// and an upper bound of the number of pairs of a footprint and a tile of the row that it touches.
     pub(super) fn in_rows(&self, rows: usize) -> Vec<[u64; 2]> {
         // Differences between consecutive rows; negative differences wrap around.
         let mut sums = vec![[0_u64; 2]; rows + 1];
@@ -126,15 +127,15 @@ impl Projected {
         &self.chunks[(index >> CHUNK_BITS) as usize].footprints[index as usize % CHUNK]
     }
 
-    /// Distance by which the centre of a splat must lie in front of the limit for the splat to be drawn, in world
-    /// units. `index` is the index of its footprint.
+    /// Distance by which the centre of a splat must lie in front of the limiting surface for the splat to be drawn,
+    /// in world units. `index` is the index of the footprint of the splat.
     #[inline(always)]
     pub(super) fn margin(&self, index: u32) -> f32 {
         let margins = &self.chunks[(index >> CHUNK_BITS) as usize].margins;
         margins.get(index as usize % CHUNK).copied().unwrap_or(0.0)
     }
 
-    /// Peak of a footprint along rays, for `RayMedian`.
+    /// Peak of the footprint with this index, for `RayMedian`.
     #[inline(always)]
     pub(super) fn peak(&self, index: u32) -> &Peak {
         let peaks = &self.chunks[(index >> CHUNK_BITS) as usize].peaks;
@@ -156,7 +157,7 @@ impl Projected {
 }
 
 impl Footprint {
-    /// Placeholder for buffers.
+    /// Placeholder for buffers that are filled later.
     pub(super) const NONE: Self = Self {
         u: 0.0,
         v: 0.0,
@@ -253,7 +254,7 @@ struct Projection<'a, L> {
     degree: u32,
     /// Same as `sigmas` of [`Limit`](super::Limit); 0 if there is no limit.
     limit_sigmas: f64,
-    /// False if every splat is drawn everywhere.
+    /// True if each splat is evaluated only within its bounds, false if at every pixel.
     bounded: bool,
     /// Maximum extent of a splat, in standard deviations along its longest axis, without the part in `beyond`.
     sigmas: f64,
@@ -303,7 +304,7 @@ impl<'a, L: CameraModel> Projection<'a, L> {
         })
     }
 
-    /// Vectors from the eye to the centres of some splats, as one array per coordinate.
+    /// Vectors from the eye to the centres of the splats in `range`, as one array per coordinate.
     #[inline(always)]
     fn offsets(&self, range: Range<usize>) -> [[f64; BLOCK]; 3] {
         let mut offsets = [[0.0; BLOCK]; 3];

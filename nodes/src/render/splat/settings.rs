@@ -37,7 +37,7 @@ engine::choices! {
 engine::choices! {
     /// Compensation of opacity for the area that the low-pass filter adds to a splat.
     pub enum Compensation {
-        /// Compensates if the file says that it was trained with compensation.
+        /// Compensates if the file says that the splats were trained with compensation.
         File,
         /// Always compensates.
         On,
@@ -50,10 +50,10 @@ engine::choices! {
     pub enum DepthMode {
         /// Mean depth of the blended splats, weighted by their contributions.
         Expected,
-        /// Depth of the splat at which transmittance falls to one half or below; +inf if it does not.
+        /// Depth of the splat at which transmittance falls to one half or below; +inf if it stays above one half.
         Median,
         /// Same as `Expected`, but each weight is multiplied again by the transmittance in front of the splat.
-        /// Splats seen through others count less, so the depth is closer to the first surface.
+        /// Splats that are seen through other splats count less, so the depth is closer to the first surface.
         Transmittance,
         /// Same as `Median`, but uses the depth at which the splat is densest along the ray of the pixel, at most
         /// two standard deviations in depth from its centre. This estimates the surface that the splats represent.
@@ -90,12 +90,13 @@ engine::params! {
         stop: f64 = 1e-4, range(0.0, 0.5), other("0.3"), knob(Cutoff, "0.001", "0.0001", "0.0001", "0.0");
         /// Depth of a pixel.
         depth: DepthMode = DepthMode::Expected, other("RayMedian");
-        /// True to count the splats added to each pixel, for `blends`.
+        /// True to count the splats blended into each pixel, for the output `blends`.
         count_blends: bool = false, other("true");
     }
 }
 
-/// Replacement for parameters that only earlier versions of the splat kinds have.
+/// Replacement for the parameter `name`, if it is a parameter that only versions of the splat kinds up to `last`
+/// have.
 pub(crate) fn former(name: &str, last: u32) -> Option<Former> {
     let fields: &[&str] = &["skip_unseen", "skip_harmonics"];
     fields.contains(&name).then(|| Former::exhaustive(fields, last))
@@ -103,7 +104,7 @@ pub(crate) fn former(name: &str, last: u32) -> Option<Former> {
 
 impl Drawing {
     /// Settings for a scene. Shortcuts that skip work are turned off if the run is `exhaustive`. Adds a warning if
-    /// the file of the scene says that it was trained with other settings.
+    /// the file of the scene says that the splats were trained with different settings.
     pub(crate) fn settings(&self, sort: Sort, splats: &Splats, cx: &Context, notes: &mut Notes) -> Settings {
         let exhaustive = cx.exhaustive();
         let compensate = match self.compensation {
@@ -151,7 +152,7 @@ impl Drawing {
     }
 }
 
-/// Settings of the renderer: those of [`Drawing`], resolved for a scene and a run, and the sort key.
+/// Settings of the renderer: the settings of [`Drawing`], resolved for a scene and a run, and the sort key.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
     /// Pixels at which a splat is evaluated.
@@ -166,8 +167,8 @@ pub struct Settings {
     pub near: f64,
     /// Variance added to both axes of the footprint, in square pixels.
     pub low_pass_px2: f64,
-    /// True if the opacity of a splat is multiplied by the ratio of the areas of its footprint without and with the
-    /// low-pass filter.
+    /// True if the opacity of a splat is multiplied by the area of its footprint without the low-pass filter,
+    /// divided by the area with it.
     pub compensate: bool,
     /// Smallest alpha that is blended.
     pub alpha_cut: f64,
@@ -184,8 +185,8 @@ pub struct Settings {
     pub skip_unseen: bool,
     /// True to skip harmonics above the available degree.
     pub skip_harmonics: bool,
-    /// Maximum memory of the lists of tiles, in bytes. One row that lists each splat once is always allowed. Never
-    /// changes a bit of the result.
+    /// Maximum memory of the lists of tiles, in bytes. One row that lists each splat once is always allowed. This
+    /// limit does not change a bit of the result.
     pub list_bytes: u64,
 }
 
@@ -197,7 +198,7 @@ pub const TILE: usize = 16;
 pub(crate) const LIST_BYTES: u64 = 1 << 26;
 
 impl Settings {
-    /// False if every splat is drawn everywhere.
+    /// True if each splat is evaluated only within its bounds, false if at every pixel.
     pub(super) fn is_bounded(&self) -> bool {
         self.bounds != Bounds::None && self.alpha_cut > 0.0
     }

@@ -50,8 +50,8 @@ pub(super) fn basis(degree: u32, [x, y, z]: [f32; 3]) -> [f32; MAX_LEN] {
     b
 }
 
-/// Largest colour value, where white is 1. Converted to linear light, with an exponent of 2.4, it is still a finite
-/// f32.
+/// Largest colour value, where white is 1. After conversion to linear light, which has an exponent of 2.4, the
+/// value is still a finite f32.
 pub(super) const LARGEST: f32 = 1e15;
 
 /// Colour of a splat seen along `direction`: the sum over `coefficients`, plus one half, not below 0. Values above
@@ -69,8 +69,8 @@ pub(super) fn colour(degree: u32, coefficients: &[[f32; 3]], direction: [f32; 3]
     rgb.map(|c| if c + 0.5 < LARGEST { (c + 0.5).max(0.0) } else { LARGEST })
 }
 
-/// Same as [`colour`], and with the same bits, but sums over all functions up to degree 4. The coefficients above
-/// `degree` are set to 0.
+/// Same as [`colour`], but evaluates all functions up to degree 4, with coefficients of 0 above `degree`. The
+/// result has the same bits.
 pub(super) fn colour_of_all(degree: u32, coefficients: &[[f32; 3]], direction: [f32; 3]) -> [f32; 3] {
     let used = ((degree + 1) * (degree + 1)) as usize;
     let mut all = [[0.0; 3]; MAX_LEN];

@@ -66,7 +66,7 @@ fn at<const N: usize>(lanes: &[Lanes; N], lane: usize) -> [f64; N] {
     std::array::from_fn(|k| lanes[k][lane])
 }
 
-/// The principal axes of a splat. The length of each is the standard deviation along it.
+/// The principal axes of a splat. The length of each axis is the standard deviation along it.
 #[inline(always)]
 pub(super) fn axes([w, x, y, z]: [f64; 4], scale: [f64; 3]) -> [DVec3; 3] {
     [

@@ -250,8 +250,8 @@ fn every_instruction_set_and_thread_count_gives_the_same_bytes() {
     }
 }
 
-/// Results of several jobs of the projection are joined in file order for any number of threads, and equal the
-/// result without bounds, which sorts all footprints in a single row.
+/// The results of the jobs of the projection are joined in file order, for any number of threads. The picture
+/// equals the picture without bounds, for which all footprints are sorted as a single row.
 #[test]
 fn scenes_of_several_jobs_are_one_picture() {
     let splats = cloud(20_000, 6);

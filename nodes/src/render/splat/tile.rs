@@ -11,20 +11,20 @@ use crate::types::{Data, Image};
 
 /// Rows of a picture covered by a row of tiles. Tiles write their pixels to it when they are finished.
 pub(super) struct Strip<'a> {
-    /// Columns.
+    /// Number of columns of the picture.
     width: usize,
     rgba: &'a mut [[f32; 4]],
     depth: &'a mut [f32],
     /// Number of blends of each pixel; empty unless they are counted.
     blends: &'a mut [f32],
-    /// Depth of the front sheet of each pixel (see `Rendered`); empty unless the depth mode is `RayMedian`.
+    /// Mean depth of the front surface of each pixel (see `Rendered`); empty unless the depth mode is `RayMedian`.
     front: &'a mut [f32],
     /// Spread of the depth of each pixel (see `Rendered`); empty unless the depth mode has a spread.
     spread: &'a mut [f32],
 }
 
 impl<'a> Strip<'a> {
-    /// Divides a picture of this width into strips.
+    /// Divides a picture into strips, one for each row of tiles.
     pub(super) fn of(
         width: usize,
         rgba: &'a mut [[f32; 4]],

@@ -1,4 +1,5 @@
-//! Measures how the time grows with the size of the scene, and what a second thread costs and saves.
+//! Measures how the rendering time grows with the number of splats, and how much time a second thread saves and
+//! costs.
 
 use std::sync::Mutex;
 
@@ -75,7 +76,7 @@ pub fn table(bench: &Bench) {
     }
 }
 
-/// CPU time of each stage of a picture, in milliseconds: project, sort, bin, blend, and freeing memory.
+/// CPU time of each stage of rendering a picture, in milliseconds: project, sort, bin, blend, and freeing memory.
 #[derive(Clone, Copy)]
 struct Run {
     /// For each stage: time of the drawing thread, and time of all threads.

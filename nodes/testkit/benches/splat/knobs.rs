@@ -1,4 +1,4 @@
-//! Loss of quality by each setting, in decibels, and the evaluations that it saves.
+//! Loss of quality that each setting causes, in decibels, and number of evaluations that it saves.
 
 use nodes::render::splat::{Bounds, DepthMode, Precision, Rendered, Settings, Sort, render};
 use nodes::types::{Camera, Splats};

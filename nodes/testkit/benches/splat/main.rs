@@ -62,7 +62,7 @@ impl Bench {
     }
 }
 
-/// Point of the garden around which panoramas are made.
+/// Point of the garden from which panoramas are rendered.
 const EYE: DVec3 = DVec3::new(4.02, -31.3, 0.2);
 
 /// 800 thousand splats, distributed uniformly in a slab in front of the camera.
@@ -87,7 +87,8 @@ fn cloud() -> Splats {
     }
 }
 
-/// View of 640x480 pixels along -y, or in a direction off the axes if its name contains `tilted`.
+/// Camera of 640x480 pixels that looks at [`cloud`] along -y, or in a direction off the axes if `name` contains
+/// `tilted`.
 fn before_the_cloud(name: &str) -> Camera {
     let tilted = DVec3::new(-0.121_572, -0.990_128, -0.069_756);
     let forward = if name.contains("tilted") { tilted.normalize() } else { DVec3::NEG_Y };
@@ -137,7 +138,7 @@ fn told(command: &mut Command) -> Option<String> {
     Some(String::from_utf8_lossy(&output.stdout).lines().next().unwrap_or_default().to_owned())
 }
 
-/// Commit and processor of the measurements, as text.
+/// Commit and processor with which the measurements are made, as text.
 fn origin() -> String {
     let commit = told(Command::new("git").args(["rev-parse", "--short", "HEAD"]));
     let changed = told(Command::new("git").args(["status", "--porcelain", "--untracked-files=no"]));

@@ -1,4 +1,4 @@
-//! Peak memory beyond the scene, compared with the estimates of the kinds.
+//! Peak memory in addition to the memory of the scene, compared with the memory estimates of the kinds.
 
 use std::process::Command;
 use std::sync::Arc;
@@ -18,7 +18,7 @@ use crate::{Bench, EYE, load};
 /// Otherwise memory that the allocator keeps would hide a peak.
 const GIVE_BACK: (&str, &str) = ("MALLOC_MMAP_THRESHOLD_", "65536");
 
-/// A value of `/proc/self/status`, in MiB.
+/// The entry `name` of `/proc/self/status`, in MiB.
 fn status(name: &str) -> f64 {
     let text = std::fs::read_to_string("/proc/self/status").unwrap();
     let line = text.lines().find_map(|line| line.strip_prefix(name)).unwrap();

@@ -1,5 +1,5 @@
-//! Compares the two ways to render a panorama with a reference: a panorama in float64, made of views from cameras
-//! with a narrow angle, with three samples per pixel along each axis.
+//! Compares the two ways to render a panorama with a reference. The reference is a panorama in float64, made of
+//! views from cameras with a narrow angle of view, with three samples per pixel along each axis.
 
 use std::f64::consts::PI;
 use std::sync::Arc;

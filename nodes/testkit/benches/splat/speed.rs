@@ -1,5 +1,5 @@
-//! CPU time of each stage of a view on one thread, for every instruction set of this machine. For comparison, the
-//! speed of the blending arithmetic alone is measured on one tile that stays in the L1 cache.
+//! CPU time of each stage of rendering a view on one thread, for every instruction set of this machine. For
+//! comparison, the speed of the blending arithmetic alone is measured on one tile that stays in the L1 cache.
 
 use fearless_simd::Level;
 use nodes::render::splat::{Clock, Rendered, Settings, calibrate, render_at};
@@ -30,7 +30,7 @@ pub fn table(bench: &Bench) {
     let scene = bench.garden();
     let settings = Settings::default();
     println!(
-        "{} splats, 640x480, `Exact`, `F32`, one thread; G is 10^9 evaluations a CPU second\n",
+        "{} splats, 640x480, `Exact`, `F32`, one thread; G is 10^9 evaluations per CPU second\n",
         scene.len()
     );
     println!(

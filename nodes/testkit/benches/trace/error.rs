@@ -3,7 +3,7 @@
 use nodes::kinds::path_trace::surroundings::Surroundings;
 use testkit::{Case, Data, Traced, block_scores, relative_mse, rgb};
 
-/// Root mean square error of the ratio S = with / without over the receiver.
+/// Root mean square error of the ratio S = `with` / `without` over the pixels of the receiver.
 fn ratio_error(r0: &[f32], r1: &[f32], b0: &[f32], b1: &[f32]) -> f64 {
     let s = |r1: f32, r0: f32| f64::from((r1 / r0).clamp(0.0, 1.0));
     let (mut sum, mut n) = (0.0, 0.0);
@@ -15,7 +15,7 @@ fn ratio_error(r0: &[f32], r1: &[f32], b0: &[f32], b1: &[f32]) -> f64 {
     (sum / f64::max(n, 1.0)).sqrt()
 }
 
-/// Number of samples of each row of a table, and number of samples of the reference.
+/// Numbers of samples per pixel: for each row of a table, and for the reference.
 struct Effort {
     rows: &'static [u32],
     reference: u32,

@@ -1,4 +1,4 @@
-//! Rays per second compared with Embree, for the same triangles and rays in one run.
+//! Compares the rays per second of this tracer and of Embree, for the same triangles and rays in one run.
 
 use std::io::{BufRead, BufReader, Lines, Write};
 use std::path::{Path, PathBuf};
@@ -9,9 +9,10 @@ use nodes::geometry::bvh::{Bvh, Ray};
 use nodes::geometry::sampling::{Points, circle};
 use testkit::{Case, Data, thread_seconds};
 
-/// Number of rays in a set.
+/// Number of rays in a set of rays.
 const RAYS: u32 = 196_608;
-/// Number of passes over a set per measurement. With fewer, a measurement would take less than a tenth of a second.
+/// Number of passes over a set of rays per measurement. With fewer, a measurement would take less than a tenth of a
+/// second.
 const PASSES: usize = 4;
 /// Number of alternating rounds of this tracer and Embree.
 const ROUNDS: usize = 7;
@@ -43,8 +44,8 @@ fn rays(eye: Vec3, tangent: f32, origins: impl Fn(Points) -> Vec3) -> [Vec<Ray>;
     [coherent.collect(), random.collect()]
 }
 
-/// Measures the CPU seconds of [`PASSES`] passes over a set, for closest hits and for any hit. Also returns the
-/// number of hits.
+/// Measures the CPU seconds of [`PASSES`] passes over a set of rays, first for the closest hit and then for any
+/// hit. Also returns the number of rays that hit a triangle.
 fn pass(bvh: &Bvh, rays: &[Ray]) -> ([f64; 2], usize) {
     let start = thread_seconds();
     let mut hits = [0; 2];

@@ -1,5 +1,5 @@
-//! Cost of repeatedly rotating the object with two samples per pixel. Prints the CPU seconds, and a digest of the
-//! pictures, which shows whether a change of the program affects only its speed.
+//! Measures the cost of repeatedly rotating the object and rendering it with two samples per pixel. Prints the CPU
+//! seconds, and a digest of the pictures, which shows whether a change of the program affects only its speed.
 
 use nodes::kinds::path_trace::surroundings::Surroundings;
 use testkit::{Case, Data, denoised};

@@ -23,7 +23,7 @@ struct Scene {
     splats: Arc<Splats>,
     mesh: Arc<Mesh>,
     cameras: Vec<Camera>,
-    /// Middle of an inserted object.
+    /// Middle of the inserted object.
     around: DVec3,
     up: Up,
     /// World units per metre.
@@ -122,7 +122,8 @@ fn compared(scene: &Scene, fault: &str, splats: &Splats, mesh: &Mesh) -> Compari
     found
 }
 
-/// This test fails for the garden if `SHIFTED` and `SCALED` are 0.03.
+/// Captures whose splats and mesh are in the same frame raise no warning. This test fails for the garden if
+/// `SHIFTED` and `SCALED` are 0.03.
 #[test]
 fn captures_that_agree_raise_no_alarm() {
     let (z, y) = (Up::PlusZ, Up::MinusY);
@@ -176,7 +177,7 @@ fn faults() -> Vec<(String, Similarity)> {
     scales.into_iter().chain(turned).chain(shifted).collect()
 }
 
-/// Every fault of the mesh is found, with the transform that undoes it.
+/// Checks that every fault of the mesh is found, with the transform that undoes it.
 fn faults_are_found(scene: &Scene) {
     for (name, fault) in faults() {
         let found = compared(scene, &name, &scene.splats, &placed(&scene.mesh, &fault));
@@ -189,8 +190,8 @@ fn faults_are_found(scene: &Scene) {
     }
 }
 
-/// The mesh with additional cubes of side `side` in the air within `reach` of the object. The number of their
-/// triangles is 5 % of the number of triangles of the mesh.
+/// The mesh with additional cubes of side `side` in the air within `reach` of the object. The cubes have 5 % as
+/// many triangles as the mesh.
 fn with_debris(scene: &Scene, side: f64, reach: f64) -> Mesh {
     let mut mesh = (*scene.mesh).clone();
     let random = |i: u32, k: u32| fraction(hash(i, k));

@@ -23,13 +23,14 @@ fn load(path: &str, frame: Frame) -> (Arc<Splats>, Notes) {
     (out.splats, notes)
 }
 
-/// Largest difference between two lists.
+/// Largest absolute difference between corresponding elements of two lists.
 fn off(a: &[f32], b: &[f32]) -> f32 {
     assert_eq!(a.len(), b.len());
     a.iter().zip(b).fold(0.0, |m, (a, b)| m.max((a - b).abs()))
 }
 
-/// Angle between the rotations of two Gaussians, in degrees. Half turns about an axis of the Gaussian do not count.
+/// Angle between the rotations of two Gaussians, in degrees. Half turns about an axis of the Gaussian are ignored,
+/// since they do not change its shape.
 fn turned(a: [f32; 4], [w, x, y, z]: [f32; 4]) -> f64 {
     let same = [[w, x, y, z], [-x, w, z, -y], [-y, -z, w, x], [-z, y, -x, w]];
     let dot = |b: [f32; 4]| a.iter().zip(b).map(|(a, b)| f64::from(*a) * f64::from(b)).sum::<f64>().abs();

@@ -114,7 +114,7 @@ fn degrees(a: DVec3, b: DVec3) -> f64 {
     num::atan2(a.cross(b).length(), a.dot(b)).to_degrees()
 }
 
-/// Error of the height of the floor under the middle of the scene, along the true up direction.
+/// Error of the estimated height of the floor below the middle of the scene, measured along the true up direction.
 fn floor_off(found: &LevelEstimate, up: DVec3, floor: f64) -> f64 {
     let (own, centre) = (DVec3::from_array(found.up), DVec3::from_array(found.centre));
     (centre.dot(up) - floor) - (centre.dot(own) - found.floor)

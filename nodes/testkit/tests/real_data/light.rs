@@ -95,8 +95,8 @@ fn the_true_bracket_gives_the_true_light_but_for_the_sun() {
 }
 
 /// Mean errors of irradiance and of contrast, in stops, over every second panorama that the weights were trained
-/// on, photographed at EV 0. First the errors of the photographs themselves, then the errors after a method has
-/// recovered the light.
+/// on, photographed at EV 0. The first pair holds the errors of the photographs themselves, the second the errors
+/// after a method has recovered the light.
 fn errors(method: &Method) -> [[f64; 2]; 2] {
     let mut files: Vec<_> =
         std::fs::read_dir(data().path("hdri-train")).unwrap().map(|entry| entry.unwrap().path()).collect();

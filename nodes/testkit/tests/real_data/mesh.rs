@@ -56,9 +56,9 @@ impl Normal {
     }
 }
 
-/// Adds errors to splats like those of a trained scene. Normals are rotated by N(0, tilt). Centres are moved by
-/// N(0, jitter) along the normal and by N(0, jitter / 2) across it. Axes are multiplied by exp N(0, 0.35).
-/// Opacities are drawn from Beta(4, 1.2).
+/// Adds errors to splats that are similar to the errors of a trained scene. Normals are rotated by N(0, tilt).
+/// Centres are moved by N(0, jitter) along the normal and by N(0, jitter / 2) perpendicular to it. Axes are
+/// multiplied by exp N(0, 0.35). Opacities are drawn from Beta(4, 1.2).
 fn degraded(splats: &Splats, tilt_deg: f64, jitter: f64) -> Splats {
     let (mut random, mut out) = (Normal(12_345), splats.clone());
     out.means_low.clear();
@@ -125,7 +125,8 @@ fn score(mesh: &Mesh, camera: &Camera) -> Score {
     Score { median: at(0.5), most: at(0.9), holes: percent(holes), backs: percent(backs) }
 }
 
-/// Scores in the three views, which are also printed as a row of `docs/evidence/extract-mesh.md`.
+/// Computes the scores in the three views, and prints them as a row of the table in
+/// `docs/evidence/extract-mesh.md`.
 fn scores(name: &str, mesh: &Mesh) -> Vec<Score> {
     let scores: Vec<Score> = views().cameras.iter().map(|camera| score(mesh, camera)).collect();
     let of = |number: &dyn Fn(&Score) -> String| scores.iter().map(number).collect::<Vec<_>>().join(" / ");

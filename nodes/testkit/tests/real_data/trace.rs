@@ -21,7 +21,8 @@ fn trace(case: &Case, samples: u32, surroundings: Surroundings) -> path_trace::O
     traced.out
 }
 
-/// Ratio of the means of two pictures, and their relative mean squared error.
+/// Returns the ratio of the mean of `ours` to the mean of `reference`, and the relative mean squared error of
+/// `ours`.
 fn compare(name: &str, ours: &[f32], reference: &[f32]) -> (f64, f64) {
     let (ratio, relmse) = (mean(ours) / mean(reference), relative_mse(ours, reference));
     println!(
@@ -33,9 +34,9 @@ fn compare(name: &str, ours: &[f32], reference: &[f32]) -> (f64, f64) {
 }
 
 /// Compares the luminance of `without` with the luminance in a render by another program. The difference at each
-/// pixel is divided by its standard error. Returns the mean of this score over the pixels, and the share of pixels
-/// above 3. The variance of the other render is assumed to be `noise` times (its squared luminance + 0.01), as
-/// stated in its notes.
+/// pixel is divided by its standard error. Returns the mean of this score over the pixels, and the share of the
+/// pixels whose score is above 3. The variance of the other render is assumed to be `noise` times (its squared
+/// luminance + 0.01), as stated in its notes.
 fn z_scores(out: &path_trace::Out, outside: &[f32], noise: f64) -> (f64, f64) {
     let y = |rgb: &[f32]| f64::from(luminance([rgb[0], rgb[1], rgb[2]]));
     let variance = out.variance.0[0].picture.samples().chunks(4).map(|v| f64::from(v[0]));
@@ -122,8 +123,9 @@ fn closed_room_agrees_with_the_prototype_in_every_mode() {
     }
 }
 
-/// Root mean square error of the ratio with / without, for a reference of two renders with shared random numbers.
-/// First over the pixels that no object covers, then over the pixels that are partly covered.
+/// Root mean square errors of the ratio `with` / `without`: first over the pixels that no object covers, then over
+/// the pixels that are partly covered. The reference ratio is computed from two renders that use the same random
+/// numbers.
 fn ratio_error(out: &path_trace::Out, pair: [&Images; 2], reference: [&[f32]; 2]) -> [f64; 2] {
     let ratio = |without: &[f32], with: &[f32], i: usize| f64::from(with[i] / without[i]).min(1.0);
     let alpha: Vec<f32> = out.object.0[0].picture.samples().chunks(4).map(|p| p[3]).collect();

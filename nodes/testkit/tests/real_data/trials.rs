@@ -94,8 +94,8 @@ fn splats_of_other_tools_give_their_picture() {
     assert_eq!(splats("ascii.ply").unwrap().0.len(), 64);
 }
 
-/// A place at a twentieth of its size gives the same picture if the scale of the scene is set. If the scale is not
-/// set, a warning reports that the near plane cuts away splats.
+/// A place that is scaled to a twentieth of its size gives the same picture if the scale of the scene is set. If
+/// the scale is not set, a warning reports that the near plane cuts away splats.
 #[test]
 fn a_place_in_a_unit_cube_is_whole_or_reported() {
     let eye = |s: f64| rig([0.6 * s, -3.2 * s, 1.6 * s], [0.0, 0.0, 0.45 * s], [160, 120], 40.0);

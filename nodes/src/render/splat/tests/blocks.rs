@@ -1,4 +1,5 @@
-//! Tests that skipping blocks changes no bit, and that harmonics that are not needed are not evaluated.
+//! Tests that skipping blocks does not change a bit of the picture, and that harmonics are evaluated only if they
+//! are needed.
 
 use super::block::{BLOCK, Block, Blocks};
 use super::*;
@@ -38,8 +39,8 @@ fn both(draw: impl Fn(bool) -> Rendered) -> Work {
     with.work
 }
 
-/// Skipped blocks change no bit. This test fails if `* self.steepest` is removed from `Pinhole::misses`, or if
-/// `size.dot(half)` is halved in `Block::most`.
+/// Skipping blocks does not change a bit of the picture. This test fails if `* self.steepest` is removed from
+/// `Pinhole::misses`, or if `size.dot(half)` is halved in `Block::most`.
 #[test]
 fn blocks_that_are_left_out_change_no_bit() {
     let mut random = Random(5);
@@ -90,7 +91,7 @@ fn without_bounds_only_what_is_behind_is_left_out() {
     assert!(work.skipped > 0 && work.skipped <= 640 - ahead, "{work:?}");
 }
 
-/// A bound is never below the value that it bounds, for coordinates of any magnitude and any direction.
+/// An upper bound is never below the value that it bounds, for any direction and coordinates of any magnitude.
 #[test]
 fn a_block_bounds_its_splats() {
     let mut random = Random(11);
@@ -120,9 +121,9 @@ fn a_block_bounds_its_splats() {
     }
 }
 
-/// For a scene of degree 0, no direction and no harmonics are evaluated. If their evaluation is forced, for this
-/// and any other degree, they change no bit. This test fails if the zeros in `sh::colour_of_all` are replaced by
-/// 1e-3.
+/// For a scene of degree 0, no direction and no harmonics are evaluated. Forcing the evaluation of all harmonics,
+/// for a scene of any degree, does not change a bit of the picture. This test fails if the zeros in
+/// `sh::colour_of_all` are replaced with 1e-3.
 #[test]
 fn harmonics_that_are_left_out_change_no_bit() {
     let colourful = cloud(400, 2);

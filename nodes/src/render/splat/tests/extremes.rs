@@ -1,6 +1,7 @@
-//! Tests of the rows of the table of numerical extremes. Each test compares the renderer with the textbook
-//! implementation in f64, with a formula or with an invariant. Rows about files are tested with their loaders. Rows
-//! about panoramas are tested with `stitch` and in `panorama`.
+//! Tests with extreme numerical values, for the rows of `docs/evidence/extremes.md` about rendering splats. Each
+//! test compares the renderer with the textbook implementation in f64, with a formula or with an invariant. The
+//! rows about files are tested in the modules of the loaders, and the rows about panoramas in the modules `stitch`
+//! and `panorama`.
 
 use engine::Up;
 
@@ -10,7 +11,7 @@ use crate::testing::row;
 
 const FAST: Settings = Settings { precision: Precision::F32, ..F64 };
 
-/// Alpha of one round splat at a pixel, computed by the formula alone.
+/// Alpha of one round splat at a pixel, computed directly from the formula of a projected Gaussian.
 fn alpha_at(camera: &Camera, sigma: f64, z: f64, opacity: f64, x: usize, y: usize) -> f64 {
     let size = camera.fx * sigma / z;
     let variance = size * size + 0.3;
@@ -19,7 +20,7 @@ fn alpha_at(camera: &Camera, sigma: f64, z: f64, opacity: f64, x: usize, y: usiz
     if alpha < 1.0 / 255.0 { 0.0 } else { alpha }
 }
 
-/// Largest deviation of alpha from the formula.
+/// Largest deviation of rendered alphas from [`alpha_at`].
 fn off_the_formula(sigma: f32, opacity: f32) -> f64 {
     let camera = camera(31, 31, 50.0);
     let splat = one([0.0, 0.0, 3.0], [sigma; 3], opacity, [1.0; 3]);
@@ -35,7 +36,7 @@ fn off_the_formula(sigma: f32, opacity: f32) -> f64 {
     largest
 }
 
-/// Splats that are in the scene but invisible change no bit.
+/// Invisible splats do not change a bit of the picture.
 #[test]
 fn what_cannot_be_seen_changes_no_bit() {
     let splats = cloud(200, 51);
@@ -62,7 +63,8 @@ fn what_cannot_be_seen_changes_no_bit() {
     }
 }
 
-/// A splat of the largest size in a file covers all pixels, with one evaluation each.
+/// A huge splat, up to the largest scale in f32, is evaluated at most once per pixel. It covers all pixels, or is
+/// counted as degenerate.
 #[test]
 fn huge_splats_cost_one_evaluation_a_pixel() {
     let camera = camera(64, 48, 60.0);
@@ -160,8 +162,9 @@ fn needles_are_exact() {
     }
 }
 
-/// Stopping early changes a deep pile by less than the remaining transmittance. The splat that would reduce the
-/// transmittance of a pixel below `stop` is left out, as in the renderers that captures are trained with.
+/// Stopping early changes the colour of a pixel with many splats by less than the remaining transmittance. The
+/// splat that would reduce the transmittance of a pixel below `stop` is left out, as in the renderers that captures
+/// are trained with.
 #[test]
 fn stopping_early_costs_what_it_says() {
     let mut random = Random(4);

@@ -181,7 +181,8 @@ fn turning_the_world_rolls_the_picture() {
     }
 }
 
-/// View of a camera with a single pixel that looks in a direction, with the resolution of the picture of a cap.
+/// Pixel of a camera that looks in a direction. The picture has this pixel alone, and the same resolution as the
+/// picture of a cap.
 fn single(splats: &Splats, direction: DVec3, width: u32) -> [f32; 4] {
     let right = direction.cross(direction.any_orthonormal_vector()).normalize();
     let axes = [right, direction.cross(right), direction].map(|axis| axis.extend(0.0));
