@@ -15,6 +15,7 @@ use nodes::kinds::load_image::{self, FileEncoding, LoadImage};
 use nodes::types::{Data, Image, Images, NamedImage};
 
 use crate::session::origin::{OriginArgs, is_picture};
+use crate::session::splats;
 use crate::session::{EngineArgs, Error, GraphArgs, Loaded};
 use crate::terminal;
 
@@ -45,6 +46,8 @@ pub struct Diff {
 /// The pixels of a picture, or the channels of an OpenEXR file that has no colour picture. The error states why the
 /// file cannot be read.
 fn pixels(path: &Path) -> Result<Arc<Images>, String> {
+    // Two pictures are in memory at once.
+    splats::check_memory(path, engine::default_memory() / 2).map_err(|error| error.message().to_owned())?;
     let whole = path.canonicalize().map_err(|error| error.to_string())?;
     let file = InputFile(whole.to_str().ok_or("its path is not UTF-8")?.to_owned());
     let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false };

@@ -4,7 +4,7 @@ use std::io::Read;
 use std::path::Path;
 use std::sync::Arc;
 
-use engine::{Context, InputFile, Kind, NodeError, Notes};
+use engine::{Context, FileHead, InputFile, Kind, NodeError, Notes};
 use nodes::kinds::load_mesh::{self, ColourEncoding, LoadMesh, MeshFrame};
 use nodes::types::Mesh;
 
@@ -13,10 +13,18 @@ const PLY_HEADER: u64 = 1 << 16;
 
 /// Reads a mesh of any format that `load-mesh` reads.
 pub fn load(path: &Path, frame: MeshFrame, cx: &Context) -> Result<(Mesh, Notes), NodeError> {
-    let path = InputFile(path.display().to_string());
-    let params = LoadMesh { path, colours: ColourEncoding::Auto, frame, matrix: None };
+    let params = params(InputFile(path.display().to_string()), frame);
     let (out, notes) = LoadMesh::run(&params, load_mesh::In {}, cx)?;
     Ok((Arc::unwrap_or_clone(out.mesh), notes))
+}
+
+/// Estimated memory in bytes for reading a mesh.
+pub fn estimate(path: InputFile, heads: &[FileHead<'_>]) -> u64 {
+    LoadMesh::estimate_files(&params(path, MeshFrame::World), heads).bytes
+}
+
+fn params(path: InputFile, frame: MeshFrame) -> LoadMesh {
+    LoadMesh { path, colours: ColourEncoding::Auto, frame, matrix: None }
 }
 
 /// True if a file contains a mesh and no splats, judging by its name and header. Returns false if the file cannot

@@ -5,10 +5,12 @@ use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
 use engine::{Context, Cost, FileHead, InputFile, Kind, Level, NodeError, Notes, Scene, SourceRoot, Up};
+use nodes::io::picture::floats_of;
 use nodes::kinds::load_splats::{self, Frame, LoadSplats};
 use nodes::types::Splats;
 
 use super::error::Error;
+use super::mesh;
 use crate::terminal;
 
 /// The memory limit.
@@ -29,7 +31,7 @@ impl MemoryArgs {
 }
 
 /// Returns an error if reading a file or folder requires more than `memory` bytes according to its headers, since a
-/// file of a few megabytes may claim any number of splats.
+/// file of a few megabytes may claim any number of splats, triangles or pixels.
 pub fn check_memory(path: &Path, memory: u64) -> Result<(), NodeError> {
     let file = InputFile(path.display().to_string());
     let root = SourceRoot::new("");
@@ -44,7 +46,9 @@ pub fn check_memory(path: &Path, memory: u64) -> Result<(), NodeError> {
     let Cost { bytes } = if is_splats {
         LoadSplats::estimate_files(&splats, &heads)
     } else {
-        Cost { bytes: heads.iter().fold(0, |sum: u64, head| sum.saturating_add(head.bytes)) }
+        let picture = heads.iter().map(|head| floats_of(head)[0]).max().unwrap_or(0);
+        let mesh = if mesh::is_mesh(path) { mesh::estimate(file, &heads) } else { 0 };
+        Cost { bytes: picture.max(mesh) }
     };
     if bytes <= memory {
         return Ok(());

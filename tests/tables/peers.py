@@ -5,8 +5,8 @@ usage: peers.py --peers FOLDER --python PYTHON [--data DIR] [--rounds N] [--thre
 
 FOLDER has mitsuba_render.py and cycles_render.py; PYTHON is one with mitsuba, bpy, OpenEXR, numpy and trimesh (DRJIT_LIBLLVM_PATH
 must name libLLVM for Mitsuba). DIR is ../shared/data by default. A round runs Mitsuba, ours, Cycles and ours again, each as a fresh
-process; five rounds or more. Theirs run on two threads (Mitsuba 3.9 waits for ever on one). Seconds are CPU seconds: ours of one thread as the bench `trace` tells them, theirs of their
-own clocks. Ratios are of the runs of one round, so of one state of the machine; printed are medians, least and most.
+process; five rounds or more. Theirs run on two threads (Mitsuba 3.9 never ends with one). Seconds are CPU seconds: ours of one thread as the bench `trace` prints them, theirs of
+their own clocks. Ratios are of the runs of one round, so of one state of the machine; printed are medians, least and most.
 """
 import argparse, glob, json, os, statistics, subprocess, sys
 

@@ -6,8 +6,8 @@ usage: latency.py LIGHTHARMONY GRAPH WORK EDIT.. [-- ARGUMENTS]     prints rows 
 The arguments go to `watch`.
 
 An EDIT is `NAME|OLD|NEW[|NEW..]`, texts in the graph file; each NEW is saved in turn, so that what the first one leaves behind
-(parts of a preview) is there for the next, and the last one counts. The graph is copied beside itself for it. Told are wall time,
-and CPU time of the process, user and system, since the save: with no other load and all of it in parallel, the wall time of
+(parts of a preview) is there for the next, and the last one counts. The graph is copied next to itself for it. The script prints wall
+time, and CPU time of the process, user and system, since the save: with no other load and all of it in parallel, the wall time of
 two cores is half of that.
 """
 import json, os, signal, subprocess, sys, time

@@ -36,7 +36,7 @@ pub(crate) fn head_of(file: &FileHead<'_>) -> Option<Head> {
 }
 
 /// Peak memory for reading a picture, including its file, and the size of its floats, both in bytes.
-pub(crate) fn floats_of(file: &FileHead<'_>) -> [u64; 2] {
+pub fn floats_of(file: &FileHead<'_>) -> [u64; 2] {
     let [reading, floats] = head_of(file).map_or([0; 2], |head| head.as_floats());
     [reading.saturating_add(file.bytes), floats]
 }

@@ -281,7 +281,7 @@ fn hits_do_not_depend_on_the_tree() {
 /// tree does not depend on the number of threads.
 #[test]
 fn a_tree_of_pieces_gives_the_same_hits() {
-    // Triangles of mixed sizes, of which some are broken and some are equal.
+    // Triangles of mixed sizes; some are broken and some are equal.
     let mut random = Random(31);
     let mut corners = soup(240_000, 0.01, 17);
     for (index, triangle) in corners.iter_mut().enumerate() {

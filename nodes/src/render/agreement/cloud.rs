@@ -139,14 +139,14 @@ impl Cloud {
     }
 }
 
-/// Upper median of the values, of which there must be at least one.
+/// Upper median of the values. There must be at least one value.
 fn upper_median(values: impl Iterator<Item = f64>) -> f64 {
     let mut values: Vec<f64> = values.collect();
     let half = values.len() / 2;
     *values.select_nth_unstable_by(half, f64::total_cmp).1
 }
 
-/// Box around the points, of which there must be at least one.
+/// Box around the points. There must be at least one point.
 fn bounds(points: &[(DVec3, DVec3)]) -> [DVec3; 2] {
     let first = points[0].0;
     points.iter().fold([first, first], |[low, high], (p, _)| [low.min(*p), high.max(*p)])
