@@ -98,7 +98,7 @@ impl Decision {
         }
     }
 
-    /// Choice of `surroundings` that the decision is equivalent to.
+    /// Text of the choice of `surroundings` that is equivalent to the decision.
     pub(super) fn name(&self) -> String {
         let extra = |usual: bool| match self.bounces {
             bounces if bounces == usual => "",
@@ -179,7 +179,8 @@ fn seen(probe: &Probe) -> String {
 mod tests {
     use super::*;
 
-    /// Probe rays: `escaped` miss the mesh, `front` hit front faces, and `lit` would be lit in a room.
+    /// Result of 256 probe rays: `escaped` rays miss the mesh, `front` rays hit a front face, and along `lit` rays
+    /// light would arrive in a closed room.
     fn probe(escaped: u32, front: u32, lit: u32) -> Probe {
         Probe { rays: 256, escaped, front, lit, room: EVERYWHERE }
     }

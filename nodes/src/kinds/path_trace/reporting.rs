@@ -31,8 +31,8 @@ use crate::types::{Camera, Image, Linear, Mesh};
 /// Ray offset, as a share of the size of an object, above which a warning is given.
 const COARSE: f32 = 1.0 / 512.0;
 
-/// Share of the height of an object by which it may lie in the ground; a deeper position is unlikely to be
-/// intended.
+/// Maximum share of an object's height that may be below the ground without a warning. A greater depth is unlikely
+/// to be intended.
 const DEEP: f64 = 0.2;
 
 /// Reports parts of the inputs that were ignored, changed or assumed.
@@ -239,8 +239,9 @@ fn report_embedded(embedded: &[Option<Embedded>], metres_per_unit: f64, notes: &
     }
 }
 
-/// Reports the offset of the mesh from the bases of objects on it, and warns of objects above or below it. `tall`
-/// contains the heights of the objects in world units. Offsets within `contact_metres` are not reported.
+/// Reports how far the mesh is from the bases of the objects on it, and warns of objects that float above the mesh
+/// or reach into it. `tall` contains the heights of the objects in world units. Offsets within `contact_metres` are
+/// not reported.
 fn report_contact(
     measured: &[Option<Level>],
     carried: &[bool],
@@ -347,7 +348,7 @@ fn report_variance(samples: u32, beyond: u64, notes: &mut Notes) {
 pub(crate) fn report_first_samples(samples: u32, most: u32, notes: &mut Notes) {
     if most > samples {
         let text = format!(
-            "`samples` is {samples}, but {most} are taken, since the error for `max_error` is estimated from the first {most}"
+            "`samples` is {samples}, but {most} samples are taken, since `max_error` estimates the error from the first {most}"
         );
         notes.decision("first-samples", text);
     }
@@ -439,7 +440,7 @@ fn percent(share: f64) -> String {
 fn report_cropped(view: &str, (share, bound): (f64, f64), notes: &mut Notes) {
     if share > 0.0 {
         let text = format!(
-            "`{view}`: the change due to objects was not traced in {1} of the pixel chunks, where it is at most {0:.2} % of the light",
+            "`{view}`: the change due to objects was not traced in {1} of the chunks of samples, where it is at most {0:.2} % of the light",
             100.0 * bound,
             percent(share)
         );

@@ -53,7 +53,7 @@ fn layers_of_no_strength_cost_nothing() {
     }
 }
 
-/// Mean over the hemisphere, weighted by the cosine.
+/// Cosine-weighted mean of `f` over the hemisphere, where the argument of `f` is the cosine.
 pub(super) fn over_cosines(f: impl Fn(f32) -> f32) -> f64 {
     let n = 2_000;
     let cosines = (0..n).map(|i| (f64::from(i) + 0.5) / f64::from(n));

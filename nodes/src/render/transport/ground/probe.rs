@@ -29,7 +29,7 @@ pub struct Probe {
 impl Probe {
     const RAYS: u32 = 256;
 
-    /// Sends rays in all directions.
+    /// Traces rays from a point in all directions.
     pub fn send(receiver: &Receiver, from: Vec3) -> Self {
         let mut probe = Self { rays: Self::RAYS, ..Self::default() };
         let (mut low, mut high) = (from, from);
@@ -50,7 +50,7 @@ impl Probe {
         probe
     }
 
-    /// Rays in all directions.
+    /// Rays from the point `from`, spread over all directions.
     pub fn rays(from: Vec3) -> impl Iterator<Item = Ray> {
         (0..Self::RAYS).map(move |i| {
             let [u, v] = Points::new(0, i).pair(0);

@@ -1,8 +1,8 @@
 //! Change that the objects make to the light that leaves a point of the receiver.
 //!
-//! The light without objects is known from other samples, so only the difference is estimated, and only where
-//! there is one: light samples are taken in the part of the sky that the objects can block, and scattered
-//! rays are sent to the objects themselves. Where no ray hits an object the difference is 0, bit for bit.
+//! The light without objects is known from other samples, so only the difference is estimated. Light samples are
+//! taken only in the part of the sky that the objects can block, and scattered rays are sent towards the objects
+//! themselves. If no ray hits an object, the difference is exactly 0.
 
 use glam::Vec3;
 
@@ -43,7 +43,7 @@ pub fn estimates_change(points: &Points, probability: f32) -> bool {
     probability >= 1.0 || unit(points.bits(TOWARDS + 2)[0]) < probability
 }
 
-/// Rays from a first vertex towards the objects.
+/// Sampling of rays from a first vertex towards the objects.
 fn towards(sampling: &ChangeSampling<'_>) -> Towards {
     Towards::within(Cone::between([sampling.start; 2], sampling.objects), sampling.rays)
 }
@@ -148,7 +148,7 @@ impl<'a> Integrator<'a> {
         with - self.with(pass, |own| own.radiance(Vertex::Receiver(hit), ray))
     }
 
-    /// Rays from a later receiver vertex towards the objects, if the objects emit light; see
+    /// Sampling of rays towards the objects from a receiver vertex after the first, if the objects emit light; see
     /// [`Pass::towards`].
     pub(crate) fn towards_lamps(&self, surface: &Surface) -> Towards {
         let objects = self.scene.objects;

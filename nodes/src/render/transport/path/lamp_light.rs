@@ -17,7 +17,8 @@ use crate::render::transport::scene::media::Media;
 use crate::render::transport::sky::cone::Towards;
 
 impl Integrator<'_> {
-    /// Hit on the receiver of a ray that otherwise passes through the receiver. `None` if no object emits light.
+    /// Hit on the receiver along a ray that the receiver lets pass. `None` if there is no hit, or if no object
+    /// emits light.
     pub(crate) fn unlit(&mut self, ray: Ray) -> Option<Hit> {
         if !self.pass.objects || !self.pass.lamps || self.scene.objects.emitters.is_empty() {
             return None;

@@ -18,12 +18,12 @@ const SQUARES: [usize; 3] = [3, R0 + 3, R0 + 8];
 pub(crate) struct ReachedError {
     /// Target error.
     pub(crate) asked: f64,
-    /// Largest error of a tile, predicted from the first samples for the number of samples taken.
+    /// Largest error of any tile for the number of samples taken, as predicted from the first samples.
     pub(crate) predicted: f64,
-    /// Largest error of a tile after all samples.
+    /// Largest error of any tile after all samples.
     pub(crate) worst: f64,
-    /// Numbers of blocks of pixels: all, those that took more than the first samples, and those above the
-    /// target.
+    /// Total number of blocks of pixels, number of blocks that took more than the first samples, and number of
+    /// blocks whose error is above the target.
     pub(crate) blocks: [u64; 3],
     /// Average number of samples per pixel.
     pub(crate) samples: f64,
@@ -66,7 +66,8 @@ impl FinishedView {
 /// number of chunks.
 pub(crate) struct Accumulator {
     pub(crate) whole: Area,
-    /// `R0 + PAIR` sums per pixel, with squares where the parts store roots.
+    /// `R0 + PAIR` sums per pixel. Sums of squares are stored here as such, while the parts store their square
+    /// roots.
     sums: Vec<f64>,
     /// Number of samples per pixel.
     samples: Vec<u32>,
@@ -77,7 +78,9 @@ pub(crate) struct Accumulator {
     rays: Rays,
     broken: u64,
     cut: u64,
-    /// Numbers of pixel chunks: all, those that no object changed, and of these, those that were cropped.
+    /// Total number of pixel chunks, number of pixel chunks that no object changed, and number of cropped pixel
+    /// chunks. Cropped chunks are included in the second number. A pixel chunk is one chunk of samples of one
+    /// pixel.
     pixels: [u64; 3],
     /// Upper bound of the relative change of light in cropped chunks.
     bound: f32,

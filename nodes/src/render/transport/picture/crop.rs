@@ -89,8 +89,8 @@ impl Crop {
         Ok(Self { limit, surfaces, lands, objects: objects.into(), near: None })
     }
 
-    /// Upper bound of the relative change of light of any pixel of a tile whose points may be moved by up to
-    /// `lifted`. `None` if the change may exceed the limit.
+    /// Upper bound of the relative change of the light of any pixel in a tile. The points of the tile may be moved
+    /// by up to `lifted`. `None` if the change may exceed the limit.
     pub fn bound(&self, scene: &Scene<'_>, tile: &TileBounds, lifted: f32) -> Option<f64> {
         if tile.is_empty() {
             return Some(0.0);

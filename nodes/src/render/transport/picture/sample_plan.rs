@@ -17,7 +17,7 @@ const BLOCK: u32 = 4;
 /// Share of the median of `without` below which receiver pixels are ignored. The default of `shadow-ratio` is the
 /// same.
 const DARK: f64 = 1e-3;
-/// Largest assumed reduction of variance by stratification.
+/// Maximum factor by which stratification is assumed to reduce the variance.
 const GAIN: f64 = 16.0;
 /// Multiple of its standard error that a ratio must exceed to be reliable. A smaller ratio may be due to a single
 /// outlier path, so its error must not be measured relative to the ratio.

@@ -101,9 +101,9 @@ impl Objects {
         crossed.dedup_by_key(|hit| of(hit));
     }
 
-    /// Transmittance of a ray that starts in `media` and crosses the surfaces of bodies, and the media at its
-    /// end, which is on the surface `end` or at distance `reach`. Each surface transmits `share`, which
-    /// depends on the media on its sides.
+    /// Transmittance of a ray that starts in `media` and crosses the surfaces of bodies. Also returns the media at
+    /// the end of the ray, which is on the surface `end` or at distance `reach`. `share` computes the transmittance
+    /// of each crossed surface from the media on its two sides.
     fn through(
         &self,
         mut media: Media,

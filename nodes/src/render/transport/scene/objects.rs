@@ -248,8 +248,8 @@ impl Objects {
     }
 
     /// Distance along a ray up to which a hit on the receiver counts as in front of a hit on an object. Where glass
-    /// stands on the receiver, the two coincide and the receiver is in front. Where a flat object lies on it, the
-    /// object is in front.
+    /// stands on the receiver, the two hits coincide and the receiver counts as in front. Where a flat object lies
+    /// on the receiver, the object counts as in front.
     pub fn reach(&self, hit: &Hit, direction: Vec3) -> f32 {
         let slack = self.slack(hit, direction);
         if slack > 0.0 {
@@ -263,8 +263,8 @@ impl Objects {
         hit.t + 2.0 * margin(&self.corners[hit.triangle as usize]) / slant
     }
 
-    /// Hit on another primitive at the same position as `hit`, which a transmitted ray would otherwise skip. It may
-    /// be the table on which a glass stands, or the content of the glass.
+    /// Hit on another primitive at the same position as `hit`, which a transmitted ray would otherwise miss. The
+    /// other primitive may be the table on which a glass stands, or the content of the glass.
     pub fn touching(&self, hit: &Hit, surface: &Surface, direction: Vec3, key: u32) -> Option<Hit> {
         let slant = direction.dot(surface.normal).abs().max(0.01);
         let start = surface.position + surface.normal * surface.margin;

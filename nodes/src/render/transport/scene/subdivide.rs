@@ -43,7 +43,7 @@ pub struct Subdivision {
     room: usize,
 }
 
-/// Distance of the origin from a segment. Swapping the ends of the segment does not change a bit of the result.
+/// Distance from the origin to a segment. Swapping the ends of the segment does not change a bit of the result.
 fn distance_to_segment(a: DVec3, b: DVec3) -> f64 {
     // Otherwise rounding would depend on the winding.
     let (a, b) = if a.to_array() <= b.to_array() { (a, b) } else { (b, a) };
@@ -53,7 +53,7 @@ fn distance_to_segment(a: DVec3, b: DVec3) -> f64 {
     (a + way * along).length()
 }
 
-/// Distance of the origin from a triangle.
+/// Distance from the origin to a triangle.
 fn distance_to_triangle([a, b, c]: [DVec3; 3]) -> f64 {
     let normal = (b - a).cross(c - a);
     let over = [(a, b), (b, c), (c, a)].iter().all(|(p, q)| p.cross(*q).dot(normal) > 0.0);

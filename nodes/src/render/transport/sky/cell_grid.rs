@@ -28,7 +28,8 @@ pub struct CellGrid {
     pub columns: usize,
     /// Two values for each cell: luminance times solid angle, and the solid angle.
     powers: Vec<[f64; 2]>,
-    /// Directions of groups of cells of a row. The last group of a row may have empty lanes.
+    /// Directions of the cells, in groups of [`LANES`] cells of the same row. The last group of a row may have
+    /// empty lanes.
     directions: Vec<Directions>,
 }
 
@@ -41,7 +42,7 @@ struct Directions {
     towards: [Vec4; 3],
 }
 
-/// Dot products with an axis.
+/// Dot products of several vectors, one per lane, with an axis.
 fn dot([x, y, z]: [Vec4; 3], axis: Vec3) -> Vec4 {
     x * axis.x + y * axis.y + z * axis.z
 }
@@ -100,9 +101,9 @@ impl CellGrid {
         self.powers.iter().map(|[power, _]| power).sum()
     }
 
-    /// Writes the contribution of each cell of a row to surfaces whose normals lie in the cone `normals`. `None`
-    /// means surfaces that are lit from all sides. Cells that do not meet the cone of directions `to` contribute 0.
-    /// Returns the solid angle of the contributing cells.
+    /// Writes to `weights` the contribution of each cell of a row to surfaces whose normals lie in the cone
+    /// `normals`. `None` means surfaces that are lit from all sides. Cells that do not overlap the cone of
+    /// directions `to` contribute 0. Returns the solid angle of the contributing cells.
     pub fn weigh(&self, row: usize, normals: Option<&Cone>, to: &Cone, weights: &mut [f64]) -> f64 {
         let each = self.columns.div_ceil(LANES);
         let directions = &self.directions[row * each..][..each];

@@ -19,7 +19,7 @@ pub struct LightCells {
     height: usize,
     /// Cells from which distributions choose.
     pub grid: CellGrid,
-    /// Distributions by bins of normals.
+    /// Distributions over the cells, one for each bin of normals.
     distributions: LightTable,
     /// First texel column of each cell column, followed by the end of the last cell column.
     columns: Vec<usize>,
@@ -32,7 +32,7 @@ pub struct LightCells {
     across: Vec<f32>,
 }
 
-/// f32 values per cache line.
+/// Number of f32 values per cache line.
 const LINE: usize = 16;
 
 /// First half of the choice of a texel: a cell and a texel row of the cell.
