@@ -138,9 +138,9 @@ impl Decision {
     pub(super) fn report(&self, surroundings: Surroundings, probe: Option<&Probe>, notes: &mut Notes) {
         if let (Surroundings::Room { .. }, Some(probe)) = (surroundings, probe) {
             if probe.escaped < probe.rays && probe.front_share() <= 0.1 {
-                let hint =
-                    "the mesh normals point out of the room; reverse them, or use `surroundings: Auto`";
-                notes.warning("normals-outward", format!("{}: {hint}", seen(probe)));
+                let hint = "reverse the normals, or use `surroundings: Auto`";
+                let text = format!("the mesh normals point out of the room ({}); {hint}", seen(probe));
+                notes.warning("normals-outward", text);
             }
             return;
         }

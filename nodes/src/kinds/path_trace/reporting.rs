@@ -74,7 +74,7 @@ pub(crate) fn report_inputs(mesh: &Mesh, prepared: &PreparedScene<'_>, objects: 
         );
         notes.warning(
             "nested-bodies",
-            format!("{text}; light that leaves them may treat the outer bodies as air; reduce the nesting"),
+            format!("{text}; light that leaves the inner bodies may treat the outer bodies as air; reduce the nesting"),
         );
     }
 }
@@ -117,9 +117,8 @@ pub(crate) fn report_capture(fault: Option<CaptureFault>, metres_per_unit: f64, 
             notes.warning("capture-under-ground", format!("{text} {millimetres:.0} mm"));
         }
         Some(CaptureFault::SeesNothing(held)) => {
-            let text =
-                "no part of the mesh is visible from the point of capture, although it surrounds a camera";
-            let held = format!("{:.0} % of the rays from the camera hit it", 100.0 * held);
+            let text = "no part of the mesh is visible from the point of capture, although the mesh surrounds a camera";
+            let held = format!("{:.0} % of the rays from the camera hit the mesh", 100.0 * held);
             notes.warning("capture-far-off", format!("{text} ({held}); {hint}"));
         }
         Some(CaptureFault::SeesBacks(backs)) => {
@@ -235,7 +234,7 @@ fn report_embedded(embedded: &[Option<Embedded>], metres_per_unit: f64, notes: &
             "object {index} is partly embedded in the receiver mesh, which hides {:.0} % of its side facing the first camera",
             100.0 * share
         );
-        notes.warning("in-a-surface", format!("{text}; move it out by {millimetres:.0} mm"));
+        notes.warning("in-a-surface", format!("{text}; move the object out by {millimetres:.0} mm"));
     }
 }
 
@@ -315,7 +314,7 @@ fn report_unsupported(objects: impl Iterator<Item = usize>, why: Unsupported, no
 fn report_off_the_ground(index: usize, ground: f64, tall: f64, millimetres: f64, notes: &mut Notes) {
     if ground > 0.0 && ground < tall {
         let text = format!("object {index} reaches {millimetres:.0} mm into the receiver mesh");
-        let text = format!("{text}; `snap` moves it onto the mesh");
+        let text = format!("{text}; `snap` moves the object onto the mesh");
         if ground > DEEP * tall {
             notes.warning("in-the-ground", text);
         } else {
@@ -364,7 +363,7 @@ pub(crate) fn report_plan(view: &str, reached: &ReachedError, most: u32, notes: 
     if short > 0 {
         let text = format!(
             "`{view}`: after {most} samples per pixel, the standard error is above {asked} in {short} of {all} blocks of \
-             pixels; the largest is {worst:.4}"
+             pixels; the largest error is {worst:.4}"
         );
         // Errors fall with the square root of the samples.
         let ratio = worst / asked;
@@ -398,10 +397,9 @@ fn round_up(samples: f64) -> u64 {
 fn report_cut_paths(view: &str, share: f64, max_bounces: u32, notes: &mut Notes) {
     if share > 0.01 {
         let text = format!(
-            "`{view}`: {:.0} % of the paths through objects end after {} surfaces while they still carry most of their light, so stacked \
-             glass, facing mirrors and bright cavities are too dark",
-            100.0 * share,
-            max_bounces + 1
+            "`{view}`: `max_bounces` = {max_bounces} ends {:.0} % of the paths through objects while they still carry most of their \
+             light, so stacked glass, facing mirrors and bright cavities are too dark",
+            100.0 * share
         );
         notes.warning("paths-cut", format!("{text}; raise `max_bounces`"));
     }

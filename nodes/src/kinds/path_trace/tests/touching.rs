@@ -223,7 +223,7 @@ fn a_picture_in_a_rough_wall_is_reported() {
     let (note, cover) = told(0.005, 0.0);
     let note = note.expect("a note");
     assert!(note.starts_with("object 0 is partly embedded in the receiver mesh, which hides "), "{note}");
-    let farther = note.split("; ").nth(1).and_then(|text| text.split(' ').nth(4)).expect("a length");
+    let farther = note.split("; ").nth(1).and_then(|text| text.split(' ').nth(5)).expect("a length");
     let farther: f64 = farther.parse().expect("a number");
     let (none, whole) = told(0.005, -farther * 1e-3);
     assert!(none.is_none() && cover < 0.8 * whole && (3.0..7.0).contains(&farther), "{note} {cover} {whole}");
