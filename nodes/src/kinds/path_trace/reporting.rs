@@ -434,7 +434,7 @@ fn percent(share: f64) -> String {
     if share < 0.01 { "less than 1 %".to_owned() } else { format!("{:.0} %", 100.0 * share) }
 }
 
-/// Reports the share of pixel chunks that were cropped.
+/// Reports for which share of the chunks of samples the change due to objects was not traced.
 fn report_cropped(view: &str, (share, bound): (f64, f64), notes: &mut Notes) {
     if share > 0.0 {
         let text = format!(

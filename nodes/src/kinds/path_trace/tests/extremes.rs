@@ -176,8 +176,8 @@ fn contact_shadow_is_dark_and_monotone_in_the_gap() {
     assert!(last > 0.0);
 }
 
-/// The error of S over a part of the image falls at least with the square root of the number of samples, for
-/// any seed. The result of a single sample is finite and unbiased.
+/// The error of S, averaged over a part of the image, falls at least with the square root of the number of samples,
+/// for any seed. The result of a single sample is finite and unbiased.
 #[test]
 fn errors_fall_with_samples_whatever_the_seed() {
     let (plane, objects, rig) = shadowed();

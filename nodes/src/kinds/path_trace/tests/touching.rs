@@ -6,7 +6,8 @@ use super::materials::clear;
 use super::*;
 use crate::types::{AlphaMode, ColourMap, DiffuseTransmission, Map};
 
-/// Tolerances of coverage, light, ratio under the object, and ratio of the whole picture.
+/// Tolerances for the four values that [`looks`] returns: coverage, light, ratio under the object, and ratio over
+/// the whole picture.
 const TOLERANCES: [f64; 4] = [0.003, 0.02, 0.03, 0.006];
 const LEAST: [f64; 4] = [0.1, 0.1, 0.5, 0.5];
 

@@ -110,9 +110,9 @@ fn both_strategies_together_are_exact_for_any_sky() {
     }
 }
 
-/// The share of the light that a slab of the receiver blocks from a point on the floor of a room is its form
-/// factor, computed by Lambert's sum over the edges of its underside. If the receiver lets light pass, the slab
-/// blocks nothing. This test fails if `Block::passes` does not test `hit.back`.
+/// A slab above the floor of a room blocks a share of the light at a point of the floor. This share is the form
+/// factor of the slab, computed by Lambert's sum over the edges of its underside. If the receiver lets light pass,
+/// the slab blocks nothing. This test fails if `Block::passes` does not test `hit.back`.
 #[test]
 fn a_slab_takes_its_form_factor_from_the_floor() {
     let furnished = merge(room(), box_mesh([-0.8, -0.8, 0.9], [0.8, 0.8, 1.0], false));

@@ -157,10 +157,10 @@ pub fn mean_reflection(f0: f32, eta: f32, roughness: f32) -> f32 {
     (f0 * a + b + (f0 * c + d) * again(f0 + (1.0 - f0) * rise, a + b)).min(1.0)
 }
 
-/// Number of entries of the tables of isotropic facets, both along the viewer coordinate and along the roughness.
+/// Number of viewer coordinates and number of roughnesses in the tables of isotropic facets.
 const SIDE: usize = 32;
 
-/// Index of the last table entry before the coordinate `at` (from 0 to 1), and the distance of `at` from that entry
+/// Index of the last table entry before the coordinate `at` (from 0 to 1), and the distance from that entry to `at`
 /// in units of the entry spacing.
 fn step(at: f32) -> (usize, f32) {
     let x = at.clamp(0.0, 1.0) * (SIDE - 1) as f32;
@@ -237,7 +237,7 @@ fn brushed(eta: f32) -> Table<4, 4> {
     })
 }
 
-/// Number of steps between slices from an index of refraction of 1 to one of 1.5. The last slice has an index of
+/// Number of slices from an index of refraction of 1 up to an index of 1.5. The last slice has an index of about
 /// 61.
 const STEPS: f32 = 20.0;
 const SLICES: usize = 45;

@@ -118,9 +118,9 @@ impl Layers {
         self.under
     }
 
-    /// Layers of a material. The three frames are those of the matte lobes, of the other lobes of the base, and of
-    /// the clearcoat. The geometric normal and the normals of the last two frames are on the side of the unit
-    /// direction `out`.
+    /// Layers of a material. The array contains three frames: for the matte lobes, for the other lobes of the base,
+    /// and for the clearcoat. The geometric normal and the normals of the last two frames are on the side of the
+    /// unit direction `out`.
     pub fn new(
         [matte_frame, frame, coated]: [Frame; 3],
         geometric: Vec3,

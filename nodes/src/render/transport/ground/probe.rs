@@ -7,7 +7,7 @@ use crate::geometry::sampling::{Points, circle};
 use crate::render::transport::scene::block::{Block, LAYERS};
 use crate::render::transport::scene::receiver::Receiver;
 
-/// Minimum share of the light that a rule must let in to be chosen.
+/// Minimum share of the light that a blocking rule must let in for [`Probe::decide`] to choose it.
 const LEAST_LIGHT: f64 = 0.25;
 
 /// First hits of probe rays from the point of capture.

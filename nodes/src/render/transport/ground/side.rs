@@ -125,8 +125,8 @@ impl Side {
         })
     }
 
-    /// Points where the mesh is near the side and parallel to it. For each: the position along the axes and the
-    /// height above the side, and whether the mesh faces the object.
+    /// Points where the mesh is near the side and parallel to it. For each point, returns its position along the
+    /// axes and its height above the side, and whether the mesh faces the object there.
     fn heights(
         &self,
         (receiver, inverted): (&Receiver, bool),

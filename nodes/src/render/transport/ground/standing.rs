@@ -73,7 +73,7 @@ pub(crate) fn find_ground(
     Standing { ground: measured, sides, carried, tall, unsupported, embedded }
 }
 
-/// True for each object of which at least part of the foot stands on another object, to within the error of a mesh.
+/// True for each object whose foot stands at least partly on another object, to within the error of a mesh.
 fn carried(
     objects: &Objects,
     placed: &[impl AsRef<Placed>],

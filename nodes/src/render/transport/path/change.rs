@@ -195,7 +195,7 @@ impl<'a> Integrator<'a> {
         self.with(pass, |own| onwards(own, vertex, state))
     }
 
-    /// Part of the light of a light sample that the objects block. The radiance of the sample is computed last,
+    /// Light that the objects block, estimated from one light sample. The radiance of the sample is computed last,
     /// since most samples hit no object.
     fn blocked_light(&mut self, surface: &Surface, drawn: &DrawnDirection, key: u32) -> Vec3 {
         let scatter = surface.bsdf.eval(drawn.direction)[Lobe::Diffuse as usize];
@@ -215,8 +215,9 @@ impl<'a> Integrator<'a> {
     }
 
     /// Radiance along a scattered ray with objects, minus the radiance without objects. If no object affects the
-    /// ray, returns 0 and the ray's hit on the receiver; if `only` is true, this hit may be missing. The tuple
-    /// argument contains the throughput, its share (see [`PathState::share`]) and the density of the ray.
+    /// ray, returns 0 and the ray's hit on the receiver. If `only` is true, the caller needs only the difference,
+    /// and the hit may be missing. The tuple argument contains the throughput, its share (see [`PathState::share`])
+    /// and the density of the ray.
     fn difference(
         &mut self,
         at: &ShadingPoint,

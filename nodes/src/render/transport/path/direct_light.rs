@@ -53,7 +53,8 @@ impl FewDraws {
     }
 }
 
-/// Weight of a strategy with density `a` against one with density `b` (Veach 1997, power heuristic).
+/// MIS weight of a strategy with density `a` against another strategy with density `b` (Veach 1997, power
+/// heuristic).
 pub(crate) fn power_heuristic(a: f32, b: f32) -> f32 {
     // Densities of a sun in one texel overflow when squared in f32; their ratio does not.
     if a > b {
@@ -180,8 +181,8 @@ impl<'a> Integrator<'a> {
         power_heuristic(pdf, emitter_pdf * hit.t * hit.t / cosine.max(1e-12))
     }
 
-    /// Light samples of a vertex. The first vertex of a path takes several per tier, because they cost less
-    /// than another path and their noise is directly visible. Later vertices take one.
+    /// Draws the light samples of a vertex. The first vertex of a path takes several per tier, because light
+    /// samples cost less than another path and their noise is directly visible. Later vertices take one.
     pub(crate) fn lights(
         &self,
         distributions: Distributions<'_>,

@@ -55,7 +55,7 @@ pub struct Pass<'a> {
     pub lift: Vec3,
     /// Sampling of rays from the first vertex towards the objects, in addition to scattered rays.
     pub(crate) towards: Towards,
-    /// Growth of the footprint of the camera ray per unit of length, for textures of objects.
+    /// Growth of the camera ray's footprint per unit of length, for the textures of objects.
     pub spread: f32,
 }
 

@@ -49,7 +49,7 @@ pub struct LightPoints(Vec<LightPoint>);
 pub struct WayToLight {
     /// Unit direction.
     pub direction: Vec3,
-    /// Distance.
+    /// Distance from the point to the light.
     pub distance: f32,
 }
 

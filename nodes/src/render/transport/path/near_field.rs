@@ -140,9 +140,9 @@ impl<'a> NearFieldLight<'a> {
         seen.then_some((LightSample { direction: ray.direction, pdf, ..light }, Some(place)))
     }
 
-    /// True if the radiance is too high for reflected light: above that of a white wall that receives all
-    /// light of the panorama. Objects in front of a wall attenuate the light that it reflects, but not the
-    /// light of a lamp.
+    /// True if the radiance is too high for reflected light, that is, above the radiance of a white wall that
+    /// receives all light of the panorama. Objects in front of a wall attenuate the light that the wall reflects,
+    /// but not the light of a lamp.
     pub fn is_lamp(&self, radiance: Vec3) -> bool {
         luminance(radiance.to_array())
             > luminance(self.sky.power.map(|p| p as f32)) * std::f32::consts::FRAC_1_PI

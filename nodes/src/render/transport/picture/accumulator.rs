@@ -102,7 +102,7 @@ impl Accumulator {
         }
     }
 
-    /// Adds the sums of a range of samples of an area.
+    /// Adds the sums over the samples in `range`, for the pixels of `area`.
     pub(crate) fn add(&mut self, area: Area, r0: &Sums, pair: &Sums, range: (u32, u32)) {
         let parts = r0.sums.chunks_exact(R0).zip(pair.sums.chunks_exact(PAIR));
         for (pixel, (a, b)) in area.each().zip(parts) {
@@ -164,9 +164,9 @@ impl Accumulator {
         if cover > 0.0 { light / cover } else { 0.0 }
     }
 
-    /// Variances of the mean over samples of the luminance of R0, of the change C = R1 - R0, of O, and of the ratio
-    /// S = R1 / R0 of a pixel, as if samples were independent; 0 for a single sample. Stratified points have less
-    /// variance, so these values are too high. C is estimated separately from R0, so S = 1 + C / R0 has
+    /// Variances for a pixel, computed as if samples were independent: of the mean luminance of R0, of the change C
+    /// = R1 - R0 and of O, and of the ratio S = R1 / R0. They are 0 for a single sample. Stratified samples have
+    /// less variance, so these values are too high. C is estimated separately from R0, so S = 1 + C / R0 has
     ///
     /// `Var(S) = (Var(C) + (S - 1)^2 Var(R0)) / R0^2 - 2 (S - 1) Cov(C, R0) / R0^2`.
     ///

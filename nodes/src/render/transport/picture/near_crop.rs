@@ -28,7 +28,8 @@ use crate::render::transport::sky::environment::EnvironmentLight;
 
 /// Cosine of a cone at and above which the cone is not subdivided further.
 const NARROW: f32 = 0.9;
-/// Maximum effort of the search for the directions in which the receiver is visible, in passes over the whole sky.
+/// Maximum number of texels that the search for directions in which the receiver is visible may read, as a multiple
+/// of the texels of the whole sky.
 const PASSES: f64 = 8.0;
 
 /// Bounds of radiance, per channel.
@@ -36,8 +37,8 @@ const PASSES: f64 = 8.0;
 pub(crate) struct NearBounds {
     /// Upper bound of the radiance of any surface, with or without the objects.
     pub(crate) surfaces: [f64; 3],
-    /// Upper bound of the change of the radiance of any receiver point. `None` if objects may lie in any direction
-    /// from the point.
+    /// Upper bound of how much the objects change the radiance of any receiver point. `None` if objects may lie in
+    /// any direction from the point.
     pub(crate) change: Option<[f64; 3]>,
 }
 
@@ -79,12 +80,13 @@ impl NearBounds {
 pub(crate) struct Apart {
     /// Cone that contains the directions to the objects from all points of the receiver.
     cone: Cone,
-    /// Squared sine of the angular radius of the bounding sphere of the objects, as seen from the nearest point of
-    /// the receiver's bounding box.
+    /// Squared sine of an angle: the angular radius of the objects' bounding sphere, as seen from the nearest point
+    /// of the receiver's bounding box.
     square: f64,
 }
 
-/// Bounds for all points of the receiver. `None` if an object may touch it.
+/// Bounds of the directions to the objects that hold for all points of the receiver. `None` if an object may touch
+/// the receiver.
 pub(crate) fn apart(scene: &Scene<'_>) -> Option<Apart> {
     let ((low, high), objects) = (scene.receiver.bvh.bounds()?, scene.objects.bvh.bounds()?);
     let margin = Vec3::splat(scene.receiver.margin_within(low, high));

@@ -173,7 +173,7 @@ pub(crate) fn trace_pair(
     sums_of_tile
 }
 
-/// Traces the objects alone over some cropped pixels.
+/// Traces only the objects, over pixels for which the change of the receiver is cropped.
 fn trace_objects(
     scene: Scene<'_>,
     camera_rays: &CameraRays<'_>,

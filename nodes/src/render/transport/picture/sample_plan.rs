@@ -32,14 +32,14 @@ pub(crate) struct ErrorGoal {
     asked: f64,
     /// Mean luminance of the objects over the pixels that they cover.
     scale: f64,
-    /// Minimum luminance of `without` for a pixel to count.
+    /// Minimum luminance that a pixel of `without` must have for its error to count.
     dark: f64,
     /// All chunks of samples that may be taken.
     chunks: Vec<(u32, u32)>,
 }
 
 impl ErrorGoal {
-    /// Creates the target for an image of which the first chunk is traced.
+    /// Creates the target for an image whose first chunk is already traced.
     pub(crate) fn new(asked: f64, most: u32, accumulator: &Accumulator) -> Self {
         Self {
             asked,
@@ -110,7 +110,7 @@ impl ErrorGoal {
         if weight > 0.0 { lower_bound(sum / weight, noise / (weight * weight)) } else { 0.0 }
     }
 
-    /// Takes the samples that each block needs by calling `take`, which traces a range of samples of an area.
+    /// Traces the samples that each block needs, by calls to `take`, which traces a range of samples of an area.
     /// Reports progress as the share of finished blocks.
     pub(crate) fn reach(
         &self,

@@ -19,7 +19,7 @@ pub(crate) struct Silhouette {
     held: Vec<bool>,
 }
 
-/// Ranges of columns and rows, both ends included.
+/// Rectangle of pixels: the range of columns and the range of rows, both ends included.
 type Rectangle = [[usize; 2]; 2];
 
 impl Silhouette {

@@ -66,7 +66,7 @@ pub(crate) struct Settings {
     pub(crate) every_lobe: bool,
 }
 
-/// A scene to trace.
+/// A scene to trace, and the settings for tracing it.
 pub(crate) struct Tracing<'a> {
     settings: Settings,
     pub(crate) cx: &'a Context,
@@ -193,7 +193,7 @@ impl<'a> Tracing<'a> {
         Ok(front)
     }
 
-    /// Number of positions in a pixel at which first hits are searched for.
+    /// Number of positions per pixel at which the nearest object is searched for.
     pub(crate) fn places(&self) -> u32 {
         self.settings.most.min(PLACES)
     }

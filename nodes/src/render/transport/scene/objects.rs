@@ -187,7 +187,8 @@ impl Objects {
         Ok(())
     }
 
-    /// Index of a body, which is added if it is new. Surfaces of one object with the same medium share a body.
+    /// Returns the index of a body, and adds the body if it is new. Surfaces of one object with the same medium
+    /// share a body.
     fn body(&mut self, body: Body) -> u32 {
         let at = self.bodies.iter().position(|known| *known == body).unwrap_or(self.bodies.len());
         if at == self.bodies.len() {

@@ -28,7 +28,7 @@ const MOST: usize = 1 << 17;
 /// Position of a corner relative to the origin, and its colour.
 pub type Corner = (DVec3, Vec3);
 
-/// Minimum and maximum distance of the triangles of a mesh from the origin, and their number.
+/// Minimum and maximum distance from the origin to the triangles of a mesh, and the number of triangles.
 #[derive(Debug, Clone, Copy)]
 pub struct Extent {
     near: f64,
@@ -82,7 +82,7 @@ impl Extent {
         Self { near, far, count }
     }
 
-    /// Extent of the triangles of both.
+    /// Combines the extents of two sets of triangles.
     pub fn with(self, other: Self) -> Self {
         let (near, far) = (self.near.min(other.near), self.far.max(other.far));
         Self { near, far, count: self.count + other.count }

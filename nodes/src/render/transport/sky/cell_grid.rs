@@ -61,8 +61,8 @@ impl Directions {
     }
 
     /// For each cell, the share of the power of the cell that reaches a surface whose normal is the axis of
-    /// `normals`, or half of an upper bound of this share over all normals in the cone, if this is larger. `sine`
-    /// is the sine of the cone's angle.
+    /// `normals`. Half of an upper bound of this share over all normals in the cone is returned instead if it is
+    /// larger. `sine` is the sine of the cone's angle.
     #[inline]
     fn shares(&self, normals: &Cone, sine: f32) -> Vec4 {
         let cosine = normals.cosine;

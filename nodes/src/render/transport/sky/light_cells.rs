@@ -67,8 +67,8 @@ fn cut(weights: &[f64], pieces: usize) -> Vec<usize> {
 }
 
 impl LightCells {
-    /// Divides weights into at most `most` columns and rows of cells. `pdf` is called with the index of each texel
-    /// and its density within its cell.
+    /// Divides the texels of a tier into at most `most` columns and rows of cells, by their weights. `pdf` is
+    /// called with the index of each texel and its density within its cell.
     pub fn new(
         texel_grid: &TexelGrid,
         weights: Vec<f32>,

@@ -120,7 +120,7 @@ pub struct LightDistribution {
     cumulative: Vec<f32>,
     /// Index in `cumulative` at which the list of columns of the first row starts.
     starts: usize,
-    /// Number of entries from the start of one row's list of columns to the start of the next.
+    /// Number of entries between the starts of the lists of two consecutive rows.
     stride: usize,
     /// Sum of the weights of all cells. If it is 0, all cells are equally likely.
     pub power: f64,
@@ -185,7 +185,8 @@ impl LightTable {
         Self((0..=ANY).map(|_| OnceLock::new()).collect())
     }
 
-    /// Distribution over the cells of a grid for a unit normal. The grid must be the same in all calls.
+    /// Distribution over the cells of a grid, for surfaces with the given unit normal. The grid must be the same in
+    /// all calls.
     #[inline]
     pub fn of(&self, grid: &CellGrid, normal: Option<Vec3>) -> &LightDistribution {
         let at = bin(normal);

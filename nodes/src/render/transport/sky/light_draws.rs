@@ -150,7 +150,7 @@ mod tests {
     use crate::geometry::sampling::{mix, stream, unit};
     use crate::types::{Environment, Image};
 
-    /// Sky of noise with a few lamps.
+    /// Sky of random radiance with a few lamps.
     fn sky() -> EnvironmentLight {
         let (width, height) = (256, 96);
         let lamp = |i: usize| if mix(i as u32 / 3).is_multiple_of(997) { 3e3 } else { unit(mix(i as u32)) };
