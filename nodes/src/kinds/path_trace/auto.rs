@@ -30,7 +30,7 @@ pub(super) struct Facts {
 /// Reason why the panorama is infinitely far away, or projected onto the mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Reason {
-    /// The graph sets it.
+    /// The graph sets `surroundings` to a choice that determines it.
     AsSet,
     /// The environment has no point of capture.
     NoCapture,
@@ -40,7 +40,7 @@ pub(super) enum Reason {
     CapturedInside,
 }
 
-/// The decision.
+/// Decision on how the mesh and the panorama together model the place.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Decision {
     /// Rule by which the mesh blocks the light of a distant panorama.

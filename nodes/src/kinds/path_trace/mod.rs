@@ -1,4 +1,5 @@
-//! `path-trace`: path tracing of the receiver without and with the objects, and of the objects.
+//! `path-trace`: path tracing of the receiver without the objects, of the receiver with the objects, and of the
+//! objects.
 
 mod auto;
 mod former;

@@ -7,7 +7,7 @@ fn until(error: f64, samples: u32) -> PathTrace {
     PathTrace { max_error: Some(error), ..params(samples, Surroundings::OPEN) }
 }
 
-/// Scene of [`shadowed`], seen from so far away that most of the view is outside the shadow.
+/// The scene of [`shadowed`], seen from so far away that most of the view is outside the shadow.
 fn far(size: u32) -> (Mesh, Vec<Arc<Placed>>, Arc<Rig>) {
     let (plane, objects, _) = shadowed();
     (plane, objects, rig(DVec3::new(0.0, -4.0, 2.5), DVec3::new(0.0, 0.0, 0.2), size, 2.0))

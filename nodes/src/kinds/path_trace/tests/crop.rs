@@ -12,8 +12,8 @@ struct Afar {
     how: PathTrace,
 }
 
-/// Result of a trace: the ratio S for each pixel and channel, the number of rays, the text of the note, and all
-/// outputs.
+/// Result of a trace: the ratio S for each pixel and channel, the number of rays, the text of the note on cropping,
+/// and all outputs.
 struct Traced {
     ratio: Vec<f64>,
     rays: u64,

@@ -112,8 +112,8 @@ impl Layers {
         (!passes).then(|| frame.normal())
     }
 
-    /// Share of the light that clearcoat and sheen transmit to the base. It also applies to the emission of the
-    /// base.
+    /// Share of the light that clearcoat and sheen transmit to the base, which is also the share of the base's
+    /// emission that they transmit.
     pub fn under(&self) -> f32 {
         self.under
     }

@@ -39,9 +39,9 @@ fn wave(path: f32, shift: Vec3) -> Vec3 {
         + Vec3::new(-0.498_531_4, 0.041_556, 1.057_225_2) * xyz[2]
 }
 
-/// Reflectance at normal incidence of a surface without a film that is equivalent to a thin film on a base of
-/// reflectance `f0`. If it rises towards 1 by the share `risen`, it equals the reflectance of the film at the given
-/// cosine.
+/// Computes the reflectance at normal incidence of a plain surface that can replace a thin film on a base of
+/// reflectance `f0`. If the result is raised towards 1 by the share `risen`, it equals the reflectance of the film
+/// at the given cosine.
 pub fn f0(index: f32, thickness_nm: f32, f0: Vec3, cosine: f32, risen: f32) -> Vec3 {
     // A film thinner than an atom has no effect.
     let fade = (thickness_nm / 0.03).min(1.0);

@@ -10,7 +10,7 @@ use crate::render::transport::scene::receiver::Receiver;
 /// Minimum share of the light that a blocking rule must let in for [`Probe::decide`] to choose it.
 const LEAST_LIGHT: f64 = 0.25;
 
-/// First hits of probe rays from the point of capture.
+/// Statistics of the first hits of probe rays from a point, usually the point of capture.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Probe {
     /// Number of rays.

@@ -280,8 +280,8 @@ impl<'a> Integrator<'a> {
     }
 }
 
-/// Number of rays per steradian towards the objects. If the objects emit light, it increases with the ratio of the
-/// mean radiance of their bounding box to the mean radiance of the sky.
+/// Number of rays per steradian towards the objects. If the objects emit light, this number increases with the
+/// ratio of the mean radiance of their bounding box to the mean radiance of the sky.
 pub fn rays_towards(scene: &Scene<'_>) -> f32 {
     let (power, bounds) = (scene.objects.emitters.power, scene.objects.bvh.bounds());
     let Some((low, high)) = bounds.filter(|_| power > 0.0) else { return RAYS };

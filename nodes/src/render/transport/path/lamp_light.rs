@@ -44,9 +44,9 @@ impl Integrator<'_> {
         self.lamp_radiance(Vertex::Receiver(hit), state, true)
     }
 
-    /// Light that objects scatter to the receiver hit of a ray under near light, reflected along the ray. Light
-    /// that the objects emit is not included. The reflectance of the point is estimated from the radiance that the
-    /// panorama shows there; the albedo of the mesh is not used.
+    /// Light that objects scatter to the receiver point that a ray hits, and that this point reflects along the
+    /// ray, under near light. Light that the objects emit is not included. The reflectance of the point is
+    /// estimated from the radiance that the panorama shows there; the albedo of the mesh is not used.
     pub(crate) fn objects_beyond(
         &mut self,
         landed: Option<Hit>,

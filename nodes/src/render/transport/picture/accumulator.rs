@@ -39,8 +39,8 @@ pub(crate) struct FinishedView {
     pub(crate) row: Vec<Cell>,
     pub(crate) rays: Rays,
     pub(crate) broken: u64,
-    /// Share of the samples of objects for which the limit on bounces ended a path that still carried most of its
-    /// light.
+    /// Among the samples that show an object, the share in which the limit on bounces ended a path that still
+    /// carried most of its light.
     pub(crate) cut: f64,
     /// Number of variances outside the range of single precision.
     pub(crate) beyond: u64,
@@ -135,7 +135,7 @@ impl Accumulator {
         (&self.sums[index * (R0 + PAIR)..(index + 1) * (R0 + PAIR)], f64::from(self.samples[index]))
     }
 
-    /// Share of a pixel that objects cover.
+    /// Share of a pixel that is covered by objects.
     pub(crate) fn alpha(&self, index: usize) -> f64 {
         let (sums, n) = self.pixel(index);
         sums[R0 + 7] / n

@@ -97,8 +97,8 @@ pub struct Sums {
     pub rays: Rays,
     /// Number of samples that were not finite and were ignored.
     pub broken: u64,
-    /// Number of samples of objects for which the limit on bounces ended a path that still carried most of its
-    /// light.
+    /// Number of samples that show an object and in which the limit on bounces ended a path that still carried most
+    /// of its light.
     pub cut: u64,
     /// Number of pixels whose sums equal the sums without objects, bit for bit.
     pub untouched: u64,
@@ -117,8 +117,8 @@ pub struct TileSums {
     pub rays: Rays,
     /// Number of samples that were not finite and were ignored.
     pub broken: u64,
-    /// Number of samples of objects for which the limit on bounces ended a path that still carried most of its
-    /// light.
+    /// Number of samples that show an object and in which the limit on bounces ended a path that still carried most
+    /// of its light.
     pub cut: u64,
     /// Number of pixels whose sums equal the sums without objects, bit for bit.
     pub untouched: u64,

@@ -28,8 +28,8 @@ use crate::render::transport::sky::environment::EnvironmentLight;
 
 /// Cosine of a cone at and above which the cone is not subdivided further.
 const NARROW: f32 = 0.9;
-/// Maximum number of texels that the search for directions in which the receiver is visible may read, as a multiple
-/// of the texels of the whole sky.
+/// Maximum total solid angle of the cones that are searched for directions in which the receiver is visible, as a
+/// multiple of the whole sphere.
 const PASSES: f64 = 8.0;
 
 /// Bounds of radiance, per channel.

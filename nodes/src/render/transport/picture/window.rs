@@ -60,7 +60,7 @@ impl Window {
         any.then_some(Self { up, tilt, cone, ball, wedge })
     }
 
-    /// Upper bound of the projected solid angle of the window for any of the normals.
+    /// Upper bound of the projected solid angle of the window, for a surface with any normal of the tile.
     pub(crate) fn projected(&self) -> f64 {
         let of_cone = self.cone.map_or(PI, |(axis, [cosine, sine])| {
             // Largest if the normal is its axis; and at most the solid angle times the cosine of the smallest angle

@@ -147,8 +147,8 @@ impl SurfacePoint<'_> {
     }
 }
 
-/// Index of the texel that is read for any texel index, which may be outside the texture, under a wrap mode. `size`
-/// is the number of texels.
+/// Maps `index`, which may be outside the texture, to the index of a texel, by the given wrap mode. `size` is the
+/// number of texels.
 fn wrap(index: i64, size: i64, mode: Wrap) -> usize {
     let at = match mode {
         Wrap::Clamp => index.clamp(0, size - 1),

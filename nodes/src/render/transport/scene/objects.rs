@@ -84,7 +84,8 @@ fn columns(m: DMat3) -> [Vec3; 3] {
     [m.x_axis.as_vec3(), m.y_axis.as_vec3(), m.z_axis.as_vec3()]
 }
 
-/// Vertex indices of a triangle, reordered under a mirroring transform so that its front stays outside.
+/// Vertex indices of a triangle. If `mirrored` is true, they are reordered so that the front of the triangle stays
+/// on the outside of the object.
 fn wound([a, b, c]: [u32; 3], mirrored: bool) -> [u32; 3] {
     if mirrored { [a, c, b] } else { [a, b, c] }
 }

@@ -157,7 +157,7 @@ mod tests {
         cell.power * f64::from(share)
     }
 
-    /// Weights computed for a whole row equal, bit for bit, the weights computed for its single cells.
+    /// Weights computed for a whole row equal, bit for bit, the weights computed cell by cell.
     #[test]
     fn rows_are_weighed_as_their_cells_are() {
         for columns in [1, 5, 16, 70] {

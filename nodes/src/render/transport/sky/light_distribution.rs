@@ -129,8 +129,8 @@ pub struct LightDistribution {
 }
 
 impl LightDistribution {
-    /// Computes the distribution for surfaces whose normals lie in the cone `normals`, over the cells that meet the
-    /// cone of directions `to`. `None` means surfaces that are lit from all sides.
+    /// Computes the distribution for surfaces whose normals lie in the cone `normals`, over the cells that overlap
+    /// the cone of directions `to`. `None` means surfaces that are lit from all sides.
     pub fn new(grid: &CellGrid, normals: Option<Cone>, to: &Cone) -> Self {
         let (rows, columns) = (grid.rows(), grid.columns);
         let [starts, stride] = [rows, columns].map(|length| length.next_multiple_of(LANES));

@@ -37,7 +37,7 @@ pub fn wanted(
 }
 
 impl<'a> Wanted<'a> {
-    /// The samples of one tier.
+    /// The `count` light samples that are to be drawn in one tier.
     fn each(
         (tier, distribution): (usize, &'a LightDistribution),
         count: u32,

@@ -226,7 +226,7 @@ impl EnvironmentLight {
         })
     }
 
-    /// Completes the choice of a texel. The tier takes `number` light samples.
+    /// Completes the choice of a texel that [`LightCells::row`] began. The tier takes `number` light samples.
     #[inline(always)]
     pub(crate) fn found<S: Simd>(
         &self,
