@@ -175,9 +175,10 @@ fn auto_finds_out_what_the_receiver_is() {
     assert_eq!(decided(&mixed, &inside()), "Transparent");
 }
 
-/// A room with a hole in a wall, without a known point of capture. In the evening nearly all light comes from its
-/// lamp, and the decision is the same from a camera at the hole, which sees much of the outside, as from one in a
-/// corner. By day the light comes from the hole. This test fails if `Probe::decide` does not use `solid_light`.
+/// Tested in a room with a hole in a wall, without a known point of capture. In the evening nearly all light comes
+/// from the lamp in the room, and the decision is the same from a camera at the hole, which sees much of the
+/// outside, as from a camera in a corner. By day the light comes from the hole. This test fails if `Probe::decide`
+/// does not use `solid_light`.
 #[test]
 fn a_window_does_not_take_the_light_of_the_lamp() {
     let mut holed = room();

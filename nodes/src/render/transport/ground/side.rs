@@ -175,11 +175,11 @@ impl Side {
         }
     }
 
-    /// Level of the mesh at a flat side that rests on it, and the height by which the mesh rises, due to its slope,
-    /// from the centre of the side to a corner. `None` if the side does not rest on the mesh. Objects often stand
-    /// near a wall, so a gap counts as an error of the mesh only if it is within the noise of the mesh. Objects
-    /// cannot be inside a wall, so a side that the mesh covers counts as resting on it, as for the ground. `fixed`
-    /// is the error of the mesh in metres, if known.
+    /// Level of the mesh at a flat side that rests on it. Also returns the height by which the mesh, due to its
+    /// slope, rises from the centre of the side to a corner. `None` if the side does not rest on the mesh. Objects
+    /// often stand near a wall, so a gap counts as an error of the mesh only if it is within the noise of the mesh.
+    /// Objects cannot be inside a wall, so a side that the mesh covers counts as resting on the mesh. `fixed` is
+    /// the error of the mesh in metres, if known.
     pub(crate) fn rests(
         &self,
         receiver: (&Receiver, bool),

@@ -1,10 +1,10 @@
 //! Adaptive sampling: the number of samples per block of pixels for a target error.
 //!
-//! The first chunk is traced for the whole image. Then the error of each block of pixels is estimated from its
-//! variance, and the block takes one chunk after another, in the same ranges as parts, until it reaches the target
-//! or the maximum. So the number of samples of a block depends only on the inputs and the target, and its pixels
-//! equal those of an image with as many samples everywhere, bit for bit. The tiles whose error is estimated are
-//! large compared with a pixel, so that the value of a pixel hardly affects its number of samples. A strong
+//! The first chunk is traced for the whole image. Then the error of each block of pixels is estimated from the
+//! variance in the block. The block takes one further chunk after another until it reaches the target or the
+//! maximum. So the number of samples of a block depends only on the inputs and the target, and its pixels equal,
+//! bit for bit, those of an image that takes this number of samples everywhere. The tiles whose error is estimated
+//! are large compared with a pixel, so that the value of a pixel hardly affects its number of samples. A strong
 //! dependence would bias the value.
 
 use engine::NodeError;
@@ -54,10 +54,10 @@ impl ErrorGoal {
     /// cover, and the error of the objects relative to their mean light. Each of the two is the root mean square
     /// over the pixels of the tile whose error is not 0.
     ///
-    /// S can be very large where objects light dark ground. If it exceeds 1, its error is divided by a lower
+    /// S can be very large where objects light dark ground. If S exceeds 1, its error is divided by a lower
     /// confidence bound of S in the pixel or its tile, so that the error of a highlight is relative to the
-    /// highlight. With one chunk, the error is computed as if samples were independent. With several, it is
-    /// computed from the spread between chunks, which has less weight for fewer pixels.
+    /// highlight. After one chunk, the error is computed as if samples were independent. After several chunks, it
+    /// is computed from the spread between chunks, which has less weight if there are fewer pixels.
     fn error(&self, accumulator: &Accumulator, area: Area, chunks: usize) -> f64 {
         let mut worst = 0.0_f64;
         for tile in area.pieces(TILE) {
