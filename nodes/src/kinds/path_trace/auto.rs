@@ -30,7 +30,7 @@ pub(super) struct Facts {
 /// Reason why the panorama is infinitely far away, or projected onto the mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Reason {
-    /// The graph sets it.
+    /// The graph sets `surroundings` to a choice that determines it.
     AsSet,
     /// The environment has no point of capture.
     NoCapture,
@@ -40,7 +40,7 @@ pub(super) enum Reason {
     CapturedInside,
 }
 
-/// The decision.
+/// Decision on how the mesh and the panorama together model the place.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Decision {
     /// Rule by which the mesh blocks the light of a distant panorama.
@@ -98,7 +98,7 @@ impl Decision {
         }
     }
 
-    /// Choice of `surroundings` that the decision is equivalent to.
+    /// Text of the choice of `surroundings` that is equivalent to the decision.
     pub(super) fn name(&self) -> String {
         let extra = |usual: bool| match self.bounces {
             bounces if bounces == usual => "",
@@ -138,9 +138,9 @@ impl Decision {
     pub(super) fn report(&self, surroundings: Surroundings, probe: Option<&Probe>, notes: &mut Notes) {
         if let (Surroundings::Room { .. }, Some(probe)) = (surroundings, probe) {
             if probe.escaped < probe.rays && probe.front_share() <= 0.1 {
-                let hint =
-                    "the mesh normals point out of the room; reverse them, or use `surroundings: Auto`";
-                notes.warning("normals-outward", format!("{}: {hint}", seen(probe)));
+                let hint = "reverse the normals, or use `surroundings: Auto`";
+                let text = format!("the mesh normals point out of the room ({}); {hint}", seen(probe));
+                notes.warning("normals-outward", text);
             }
             return;
         }
@@ -179,7 +179,8 @@ fn seen(probe: &Probe) -> String {
 mod tests {
     use super::*;
 
-    /// Probe rays: `escaped` miss the mesh, `front` hit front faces, and `lit` would be lit in a room.
+    /// Result of 256 probe rays: `escaped` rays miss the mesh, `front` rays hit a front face, and along `lit` rays
+    /// light would arrive in a closed room.
     fn probe(escaped: u32, front: u32, lit: u32) -> Probe {
         Probe { rays: 256, escaped, front, lit, room: EVERYWHERE }
     }

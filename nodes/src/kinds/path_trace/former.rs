@@ -27,7 +27,8 @@ pub(super) fn former(name: &str, fields: &[(&str, &str)]) -> Option<Former> {
     })
 }
 
-/// Choice of `surroundings` that replaces the values of the four former parameters.
+/// Choice of `surroundings` that replaces the values of the four former parameters. `None` if no choice is
+/// equivalent.
 fn surroundings(block: &str, bounce: &str, specular: &str, near: &str) -> Option<String> {
     let plain = |text: &str| text.chars().filter(|c| !c.is_whitespace()).collect::<String>();
     let [block, bounce, specular, near] = [block, bounce, specular, near].map(plain);

@@ -1,4 +1,5 @@
-//! `path-trace`: path tracing of the receiver without and with the objects, and of the objects.
+//! `path-trace`: path tracing of the receiver without the objects, of the receiver with the objects, and of the
+//! objects.
 
 mod auto;
 mod former;
@@ -75,8 +76,8 @@ engine::params! {
         /// Traces only the change of the receiver, for graphs that need only the shadow. `object` is empty; depth
         /// and normals are those of the receiver.
         shadow_only: bool = false, other("true");
-        /// Side, in pixels, of the blocks of which only one pixel is traced. The value of this pixel fills the
-        /// whole block, as in the first preview of `watch`. 1 traces every pixel.
+        /// Side, in pixels, of the square blocks into which the image is divided. One pixel of each block is
+        /// traced, and its value fills the block, as in the first preview of `watch`. 1 traces every pixel.
         coarse_px: u32 = 1, range(1, 64), unit("px"), other("2");
         /// Maximum relative change of light at which a tile of 8 by 8 pixels is cropped. In a cropped tile no ray
         /// is traced for the change due to the objects, and `with` equals `without`. The change is an upper bound,
@@ -110,7 +111,7 @@ engine::outputs! {
         /// The objects: linear RGB, premultiplied, and alpha.
         object: Arc<Images>,
         /// Planar depth of the front surface, object or receiver, at the centre of each pixel; +inf where there is
-        /// no surface. Blended surfaces count where they cover more than half.
+        /// no surface. A blended surface counts if its coverage is above one half.
         depth: Arc<Images>,
         /// Planar depth of the nearest object that is visible anywhere in the pixel, however little of it; equal to
         /// `depth` if no object is visible there. Used by `splat-render(limit:)`: splats in front of it are in
@@ -129,7 +130,7 @@ engine::outputs! {
 
 /// Decision about the surroundings, and the facts it is based on.
 struct Decided {
-    /// Choice of `surroundings` that the decision is equivalent to.
+    /// Text of the choice of `surroundings` that is equivalent to the decision.
     name: String,
     rules: Rules,
     probe: Option<Probe>,

@@ -31,8 +31,8 @@ use crate::types::{Camera, Image, Linear, Mesh};
 /// Ray offset, as a share of the size of an object, above which a warning is given.
 const COARSE: f32 = 1.0 / 512.0;
 
-/// Share of the height of an object by which it may lie in the ground; a deeper position is unlikely to be
-/// intended.
+/// Maximum share of an object's height that may be below the ground without a warning. A greater depth is unlikely
+/// to be intended.
 const DEEP: f64 = 0.2;
 
 /// Reports parts of the inputs that were ignored, changed or assumed.
@@ -74,7 +74,7 @@ pub(crate) fn report_inputs(mesh: &Mesh, prepared: &PreparedScene<'_>, objects: 
         );
         notes.warning(
             "nested-bodies",
-            format!("{text}; light that leaves them may treat the outer bodies as air; reduce the nesting"),
+            format!("{text}; light that leaves the inner bodies may treat the outer bodies as air; reduce the nesting"),
         );
     }
 }
@@ -117,9 +117,8 @@ pub(crate) fn report_capture(fault: Option<CaptureFault>, metres_per_unit: f64, 
             notes.warning("capture-under-ground", format!("{text} {millimetres:.0} mm"));
         }
         Some(CaptureFault::SeesNothing(held)) => {
-            let text =
-                "no part of the mesh is visible from the point of capture, although it surrounds a camera";
-            let held = format!("{:.0} % of the rays from the camera hit it", 100.0 * held);
+            let text = "no part of the mesh is visible from the point of capture, although the mesh surrounds a camera";
+            let held = format!("{:.0} % of the rays from the camera hit the mesh", 100.0 * held);
             notes.warning("capture-far-off", format!("{text} ({held}); {hint}"));
         }
         Some(CaptureFault::SeesBacks(backs)) => {
@@ -235,12 +234,13 @@ fn report_embedded(embedded: &[Option<Embedded>], metres_per_unit: f64, notes: &
             "object {index} is partly embedded in the receiver mesh, which hides {:.0} % of its side facing the first camera",
             100.0 * share
         );
-        notes.warning("in-a-surface", format!("{text}; move it out by {millimetres:.0} mm"));
+        notes.warning("in-a-surface", format!("{text}; move the object out by {millimetres:.0} mm"));
     }
 }
 
-/// Reports the offset of the mesh from the bases of objects on it, and warns of objects above or below it. `tall`
-/// contains the heights of the objects in world units. Offsets within `contact_metres` are not reported.
+/// Reports how far the mesh is from the bases of the objects on it, and warns of objects that float above the mesh
+/// or reach into it. `tall` contains the heights of the objects in world units. Offsets within `contact_metres` are
+/// not reported.
 fn report_contact(
     measured: &[Option<Level>],
     carried: &[bool],
@@ -314,7 +314,7 @@ fn report_unsupported(objects: impl Iterator<Item = usize>, why: Unsupported, no
 fn report_off_the_ground(index: usize, ground: f64, tall: f64, millimetres: f64, notes: &mut Notes) {
     if ground > 0.0 && ground < tall {
         let text = format!("object {index} reaches {millimetres:.0} mm into the receiver mesh");
-        let text = format!("{text}; `snap` moves it onto the mesh");
+        let text = format!("{text}; `snap` moves the object onto the mesh");
         if ground > DEEP * tall {
             notes.warning("in-the-ground", text);
         } else {
@@ -347,7 +347,7 @@ fn report_variance(samples: u32, beyond: u64, notes: &mut Notes) {
 pub(crate) fn report_first_samples(samples: u32, most: u32, notes: &mut Notes) {
     if most > samples {
         let text = format!(
-            "`samples` is {samples}, but {most} are taken, since the error for `max_error` is estimated from the first {most}"
+            "`samples` is {samples}, but {most} samples are taken, since `max_error` estimates the error from the first {most}"
         );
         notes.decision("first-samples", text);
     }
@@ -363,7 +363,7 @@ pub(crate) fn report_plan(view: &str, reached: &ReachedError, most: u32, notes: 
     if short > 0 {
         let text = format!(
             "`{view}`: after {most} samples per pixel, the standard error is above {asked} in {short} of {all} blocks of \
-             pixels; the largest is {worst:.4}"
+             pixels; the largest error is {worst:.4}"
         );
         // Errors fall with the square root of the samples.
         let ratio = worst / asked;
@@ -397,10 +397,9 @@ fn round_up(samples: f64) -> u64 {
 fn report_cut_paths(view: &str, share: f64, max_bounces: u32, notes: &mut Notes) {
     if share > 0.01 {
         let text = format!(
-            "`{view}`: {:.0} % of the paths through objects end after {} surfaces while they still carry most of their light, so stacked \
-             glass, facing mirrors and bright cavities are too dark",
-            100.0 * share,
-            max_bounces + 1
+            "`{view}`: `max_bounces` = {max_bounces} ends {:.0} % of the paths through objects while they still carry most of their \
+             light, so stacked glass, facing mirrors and bright cavities are too dark",
+            100.0 * share
         );
         notes.warning("paths-cut", format!("{text}; raise `max_bounces`"));
     }
@@ -435,11 +434,11 @@ fn percent(share: f64) -> String {
     if share < 0.01 { "less than 1 %".to_owned() } else { format!("{:.0} %", 100.0 * share) }
 }
 
-/// Reports the share of pixel chunks that were cropped.
+/// Reports for which share of the chunks of samples the change due to objects was not traced.
 fn report_cropped(view: &str, (share, bound): (f64, f64), notes: &mut Notes) {
     if share > 0.0 {
         let text = format!(
-            "`{view}`: the change due to objects was not traced in {1} of the pixel chunks, where it is at most {0:.2} % of the light",
+            "`{view}`: the change due to objects was not traced in {1} of the chunks of samples, where it is at most {0:.2} % of the light",
             100.0 * bound,
             percent(share)
         );

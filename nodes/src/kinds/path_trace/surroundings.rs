@@ -35,7 +35,7 @@ pub enum Surroundings {
         #[serde(default)]
         bounces: bool,
     },
-    /// Only the part of the mesh within a distance of the point of capture blocks the light of the panorama.
+    /// Only the part of the mesh that is close to the point of capture blocks the light of the panorama.
     Within {
         /// Distance from the point of capture in metres, at least 0.
         metres: f64,

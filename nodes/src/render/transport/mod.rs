@@ -4,9 +4,9 @@
 //!
 //! | module | contents |
 //! |---|---|
-//! | [`picture`] | the pictures of a camera, in tiles, chunks of samples and stored parts |
+//! | [`picture`] | the images of a camera, traced in tiles and chunks of samples, and stored in parts |
 //! | [`path`] | paths: the light of one sample of one pixel |
-//! | [`ground`] | the supports of objects, and the point of capture |
+//! | [`ground`] | the surfaces that objects rest on, and the point of capture |
 //! | [`scene`] | the receiver and the objects: geometry, materials, media |
 //! | [`sky`] | the environment as a light, and cones of directions |
 //! | [`bsdf`] | scattering at surfaces |

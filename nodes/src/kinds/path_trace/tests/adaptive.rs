@@ -7,7 +7,7 @@ fn until(error: f64, samples: u32) -> PathTrace {
     PathTrace { max_error: Some(error), ..params(samples, Surroundings::OPEN) }
 }
 
-/// Scene of [`shadowed`], seen from so far away that most of the view is outside the shadow.
+/// The scene of [`shadowed`], seen from so far away that most of the view is outside the shadow.
 fn far(size: u32) -> (Mesh, Vec<Arc<Placed>>, Arc<Rig>) {
     let (plane, objects, _) = shadowed();
     (plane, objects, rig(DVec3::new(0.0, -4.0, 2.5), DVec3::new(0.0, 0.0, 0.2), size, 2.0))
@@ -97,7 +97,7 @@ fn the_error_asked_for_is_reached() {
     assert!(rays < 8 * sixteenth, "{rays} {sixteenth}");
 }
 
-/// Value of every pixel and its reported variance, for each of several seeds.
+/// Renders with `n` seeds. Returns, for each seed, the value of every pixel and its reported variance.
 fn seeds(p: &PathTrace, n: u64, layer: usize) -> Vec<Vec<[f64; 2]>> {
     let (plane, objects, rig) = shadowed();
     let render = |seed| {
@@ -141,8 +141,9 @@ fn variance_is_that_of_many_seeds() {
     }
 }
 
-/// Two shares of the noisy pixels: those whose values in two renders differ by more than two standard errors, and
-/// those by more than three. Also returns the number of noisy pixels.
+/// Compares two renders over the pixels whose reported variance is not 0. Returns the share of these pixels that
+/// differ by more than two standard errors, the share that differ by more than three, and the number of these
+/// pixels.
 fn beyond(a: &[[f64; 2]], b: &[[f64; 2]]) -> ([f64; 2], f64) {
     let pairs = a.iter().zip(b).filter(|([_, v], [_, w])| v + w > 0.0);
     let z: Vec<f64> = pairs.map(|([a, v], [b, w])| (a - b).abs() / (v + w).sqrt()).collect();

@@ -102,9 +102,9 @@ fn what_is_beyond_the_walls_takes_no_light() {
     assert!(told.starts_with("Room") && furnished[0] < 0.95 * alone[0], "{told}: {furnished:?}");
 }
 
-/// An object behind a wall, in the next room, changes nothing in this room: the light of the panorama starts at the
-/// wall. This test fails if `sky_transmittance` always returns `all`, or if `before_the_light` returns its argument
-/// `object` unchanged.
+/// An object behind a wall, in the next room, changes nothing in this room, since it does not block the light of
+/// the panorama. This test fails if `sky_transmittance` always returns `all`, or if `before_the_light` returns its
+/// argument `object` unchanged.
 #[test]
 fn objects_behind_a_wall_change_nothing() {
     let mut env = sunny();

@@ -4,7 +4,7 @@ use super::*;
 use crate::geometry::sampling::{hash, unit};
 use crate::types::Image;
 
-/// A place seen from far away.
+/// A scene seen from far away.
 struct Afar {
     receiver: Mesh,
     object: Arc<Placed>,
@@ -12,8 +12,8 @@ struct Afar {
     how: PathTrace,
 }
 
-/// Result of a trace: the ratio S for each pixel and channel, the number of rays, the text of the note, and all
-/// outputs.
+/// Result of a trace: the ratio S for each pixel and channel, the number of rays, the text of the note on cropping,
+/// and all outputs.
 struct Traced {
     ratio: Vec<f64>,
     rays: u64,
@@ -117,8 +117,9 @@ fn nothing_is_left_out_that_no_bound_is_known_of() {
     assert!(scene.trace(0.004, true).told.is_some());
 }
 
-/// Synthetic scenes that are designed to exceed the bound: mirrors, lenses, brushed and coated objects, near
-/// and far, standing, hovering and below the floor, over floors and steps, under skies of strong contrast.
+/// The change does not exceed the bound in synthetic scenes that are designed to make it large: mirrors, lenses,
+/// brushed and coated objects, near and far, standing, hovering and below the floor, over floors and steps, under
+/// skies of strong contrast.
 #[test]
 fn no_scene_changes_more_than_the_bound() {
     let mut left_out = 0;

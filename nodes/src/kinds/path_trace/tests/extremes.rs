@@ -176,8 +176,8 @@ fn contact_shadow_is_dark_and_monotone_in_the_gap() {
     assert!(last > 0.0);
 }
 
-/// The error of S over a part of the image falls at least with the square root of the number of samples, for
-/// any seed. The result of a single sample is finite and unbiased.
+/// The error of S, averaged over a part of the image, falls at least with the square root of the number of samples,
+/// for any seed. The result of a single sample is finite and unbiased.
 #[test]
 fn errors_fall_with_samples_whatever_the_seed() {
     let (plane, objects, rig) = shadowed();
@@ -227,7 +227,8 @@ fn a_million_samples_add_up() {
     row(47, "error of 2^20 samples of an even sky, relative", error(MOST), 1e-5);
 }
 
-/// Scaling the light by a power of two is exact. Numbers near 1e-40 keep 16 bits, and so does the ratio.
+/// Scaling the light by 2^-80 scales every value exactly. At 1e-40 of the light, where values are subnormal, the
+/// ratio changes by at most 0.01.
 #[test]
 fn light_of_any_strength_gives_the_same_picture() {
     let (plane, objects, rig) = shadowed();

@@ -106,7 +106,7 @@ fn fine_lamps_shed_all_their_light() {
     }
 }
 
-/// A lamp in a paper globe, which transmits half of the light and reflects half. From outside, the globe has the
+/// A lamp is in a paper globe that transmits half of the light and reflects half. From outside, the globe has the
 /// radiance L (r / R)^2 times (0.5 + 0.25 + ..), minus the reflected light that the lamp absorbs, whether or not
 /// the receiver emits the light of the panorama. Scattered rays seldom hit the lamp, while rays sent towards it do,
 /// so every pixel is lit. Both kinds of rays count, and nothing counts twice. This test fails if Russian roulette

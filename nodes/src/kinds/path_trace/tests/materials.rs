@@ -53,7 +53,7 @@ fn layers_of_no_strength_cost_nothing() {
     }
 }
 
-/// Mean over the hemisphere, weighted by the cosine.
+/// Cosine-weighted mean of `f` over the hemisphere, where the argument of `f` is the cosine.
 pub(super) fn over_cosines(f: impl Fn(f32) -> f32) -> f64 {
     let n = 2_000;
     let cosines = (0..n).map(|i| (f64::from(i) + 0.5) / f64::from(n));
@@ -259,9 +259,9 @@ fn green_of_a_normal_map_points_up_the_picture() {
     }
 }
 
-/// Emission under a clearcoat is attenuated by the reflection of the coat (KHR_materials_clearcoat): 0.96 of
-/// it remains at normal incidence and 0.747 at 75 degrees, by Fresnel's equations for an index of 1.5. The
-/// light that it casts on a floor is attenuated in the same way.
+/// Emission under a clearcoat is attenuated by the reflection of the coat (KHR_materials_clearcoat): 0.96 of it
+/// remains at normal incidence and 0.747 at 75 degrees, by Fresnel's equations for an index of 1.5. The light that
+/// the emission casts on a floor is attenuated in the same way.
 #[test]
 fn a_clear_coat_dims_what_shines_under_it() {
     let coat = crate::types::Clearcoat { strength: Map::of(1.0), roughness: Map::of(0.0), normal: None };

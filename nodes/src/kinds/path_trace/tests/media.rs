@@ -21,7 +21,8 @@ fn slab(low: f32, high: f32, size: f32, material: Material) -> Arc<Placed> {
     placed(&box_mesh([-size, -size, low], [size, size, high], false), material, DVec3::ZERO)
 }
 
-/// Mean red and blue of the pictures.
+/// Mean of the red channel and mean of the blue channel over all pixels. `channels` is the number of channels of
+/// the images.
 fn red_and_blue(images: &Images, channels: usize) -> [f64; 2] {
     let of = |k: usize| {
         let values = samples(images).iter().skip(k).step_by(channels);
@@ -194,8 +195,9 @@ fn glass_on_a_table_changes_nothing() {
     }
 }
 
-/// Two bodies that share a face, one around the other, or one that fills the hollow of the other, absorb light
-/// along their own path lengths. This test fails if `touching` is always `None` in `Integrator::scatter`.
+/// Two bodies that share a face absorb light along the path lengths inside each of them. Tested with one body
+/// around the other, and with one body that fills the hollow of the other. This test fails if `touching` is always
+/// `None` in `Integrator::scatter`.
 #[test]
 fn bodies_may_share_a_face() {
     let block = |low: f32, high: f32, inward| box_mesh([-100.0, -100.0, low], [100.0, 100.0, high], inward);

@@ -6,11 +6,13 @@ use super::materials::clear;
 use super::*;
 use crate::types::{AlphaMode, ColourMap, DiffuseTransmission, Map};
 
-/// Tolerances of coverage, light, ratio under the object, and ratio of the whole picture.
+/// Tolerances for the four values that [`looks`] returns: coverage, light, ratio under the object, and ratio over
+/// the whole picture.
 const TOLERANCES: [f64; 4] = [0.003, 0.02, 0.03, 0.006];
 const LEAST: [f64; 4] = [0.1, 0.1, 0.5, 0.5];
 
-/// Coverage, light of the object, and the mean ratio under it and over the whole picture.
+/// Renders an object. Returns its coverage, its light, the mean ratio S under it, and the mean ratio S over the
+/// whole picture.
 fn looks(
     receiver: &Mesh,
     sheet: &Mesh,
@@ -59,9 +61,9 @@ fn sheets() -> Vec<(&'static str, Material)> {
     ]
 }
 
-/// A sheet on a floor, under distant and under near light, and a sheet that extends beyond a table on all sides.
-/// Each looks the same exactly on the surface, above or below it by a rounding error, and a millimetre above it. In
-/// an earlier version, an opaque sheet exactly on the floor covered 71 % of its pixels and cast no shadow.
+/// A sheet looks the same exactly on a surface, above or below it by a rounding error, and a millimetre above it.
+/// Tested on a floor, under distant and under near light, and on a table that is smaller than the sheet. In an
+/// earlier version, an opaque sheet exactly on the floor covered 71 % of its pixels and cast no shadow.
 #[test]
 fn what_lies_on_the_receiver_looks_as_a_millimetre_over_it() {
     let camera = rig(DVec3::new(1.5, -1.5, 1.2), DVec3::ZERO, 24, 2.5);
@@ -157,10 +159,10 @@ fn what_lies_on_an_object_looks_as_a_hair_over_it() {
     assert!((found[1] / over[1] - 1.0).abs() < 0.02, "{found:?} for {over:?}");
 }
 
-/// A rug on the floor with an object on it, and tiles edge to edge whose winding points down, look as they do a
-/// millimetre above the floor, even if other objects are much higher. In an earlier version, the foot of the object
-/// moved the rug into the floor, and each tile was moved by its neighbour, so that the rug and three quarters of
-/// the tiles were invisible.
+/// Objects exactly on the floor look as they do a millimetre above it, even if other objects are much higher.
+/// Tested with a rug under another object, and with tiles edge to edge whose winding points down. In an earlier
+/// version, the foot of the object moved the rug into the floor, and each tile was moved by its neighbour, so that
+/// the rug and three quarters of the tiles were invisible.
 #[test]
 fn a_rug_under_a_table_stays_on_the_floor() {
     let camera = rig(DVec3::new(1.2, -1.2, 0.9), DVec3::ZERO, 24, 1.4);
@@ -199,9 +201,9 @@ fn a_rug_under_a_table_stays_on_the_floor() {
     }
 }
 
-/// For a picture embedded in a wall with 3 mm of noise, the distance at which all of it is visible is reported. At
-/// that distance, on a smooth wall, and on rough ground nothing is reported. This test fails if `REPORTED` starts
-/// at 0.7.
+/// For a picture embedded in a wall with 3 mm of noise, a note states how far the picture must be moved so that all
+/// of it is visible. Nothing is reported after such a move, on a smooth wall, or on rough ground. This test fails
+/// if `REPORTED` starts at 0.7.
 #[test]
 fn a_picture_in_a_rough_wall_is_reported() {
     let camera = rig(DVec3::new(0.3, -3.0, 0.2), DVec3::ZERO, 16, 1.5);
@@ -222,16 +224,17 @@ fn a_picture_in_a_rough_wall_is_reported() {
     let (note, cover) = told(0.005, 0.0);
     let note = note.expect("a note");
     assert!(note.starts_with("object 0 is partly embedded in the receiver mesh, which hides "), "{note}");
-    let farther = note.split("; ").nth(1).and_then(|text| text.split(' ').nth(4)).expect("a length");
+    let farther = note.split("; ").nth(1).and_then(|text| text.split(' ').nth(5)).expect("a length");
     let farther: f64 = farther.parse().expect("a number");
     let (none, whole) = told(0.005, -farther * 1e-3);
     assert!(none.is_none() && cover < 0.8 * whole && (3.0..7.0).contains(&farther), "{note} {cover} {whole}");
     assert_eq!(told(0.0, 0.0).0, None);
 }
 
-/// An object on a floor is not reported as embedded, for any `contact_metres`, and the inside of its bottom does
-/// not count as embedded. An object off the floor is still reported. This test fails if `measure` measures nothing
-/// when `fixed` is set, or if `double_sided &&` is replaced by `false &&` in `embedded.rs`.
+/// An object that stands exactly on a floor is not reported as embedded in a surface, whatever `contact_metres` is:
+/// the inner side of its two-sided bottom does not count as hidden. An object above the floor is reported as
+/// `off-the-ground`, and an object that reaches below it as `in-the-ground`. This test fails if `measure` measures
+/// nothing when `fixed` is set, or if `double_sided &&` is replaced by `false &&` in `embedded.rs`.
 #[test]
 fn what_stands_on_a_floor_lies_in_no_surface() {
     let material = Material { double_sided: true, ..matte(0.5) };

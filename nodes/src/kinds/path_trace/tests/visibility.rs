@@ -110,9 +110,9 @@ fn both_strategies_together_are_exact_for_any_sky() {
     }
 }
 
-/// The share of the light that a slab of the receiver blocks from a point on the floor of a room is its form
-/// factor, computed by Lambert's sum over the edges of its underside. If the receiver lets light pass, the slab
-/// blocks nothing. This test fails if `Block::passes` does not test `hit.back`.
+/// A slab above the floor of a room blocks a share of the light at a point of the floor. This share is the form
+/// factor of the slab, computed by Lambert's sum over the edges of its underside. If the receiver lets light pass,
+/// the slab blocks nothing. This test fails if `Block::passes` does not test `hit.back`.
 #[test]
 fn a_slab_takes_its_form_factor_from_the_floor() {
     let furnished = merge(room(), box_mesh([-0.8, -0.8, 0.9], [0.8, 0.8, 1.0], false));
@@ -175,9 +175,10 @@ fn auto_finds_out_what_the_receiver_is() {
     assert_eq!(decided(&mixed, &inside()), "Transparent");
 }
 
-/// A room with a hole in a wall, without a known point of capture. In the evening nearly all light comes from its
-/// lamp, and the decision is the same from a camera at the hole, which sees much of the outside, as from one in a
-/// corner. By day the light comes from the hole. This test fails if `Probe::decide` does not use `solid_light`.
+/// Tested in a room with a hole in a wall, without a known point of capture. In the evening nearly all light comes
+/// from the lamp in the room, and the decision is the same from a camera at the hole, which sees much of the
+/// outside, as from a camera in a corner. By day the light comes from the hole. This test fails if `Probe::decide`
+/// does not use `solid_light`.
 #[test]
 fn a_window_does_not_take_the_light_of_the_lamp() {
     let mut holed = room();

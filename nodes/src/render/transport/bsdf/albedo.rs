@@ -1,11 +1,11 @@
 //! Tables of directional albedo: the share of light that a lobe reflects towards a viewer if equal light arrives
-//! from all directions. The albedo determines how much light a layer leaves to the layers below. It also determines
-//! the energy that single scattering at microfacets loses, which a gain compensates (Turquin 2019, Practical
-//! multiple scattering compensation for microfacet models).
+//! from all directions. The albedo of a layer determines how much light the layer leaves to the layers below. It
+//! also determines the energy that single scattering at microfacets loses. A gain compensates this loss (Turquin
+//! 2019, Practical multiple scattering compensation for microfacet models).
 //!
-//! The tables for microfacets cover fixed relative indices and roughnesses. They are computed on first use, and
-//! values between entries are interpolated. All quantities of a table come from the same sample points, so a
-//! reflection that is too high in a table is balanced by a transmission that is too low.
+//! The tables for microfacets cover a fixed set of relative indices of refraction and roughnesses. They are
+//! computed on first use, and values between entries are interpolated. All quantities of a table come from the same
+//! sample points, so a reflection that is too high in a table is balanced by a transmission that is too low.
 
 use std::sync::{LazyLock, OnceLock};
 
@@ -14,7 +14,8 @@ use glam::Vec3;
 use super::ggx::{Ggx, schlick};
 use super::{dielectric, sheen};
 
-/// Values on a grid over the unit cube, interpolated linearly.
+/// `N` values at each point of a grid over the `D`-dimensional unit cube. Values between grid points are
+/// interpolated linearly.
 struct Table<const D: usize, const N: usize> {
     steps: [usize; D],
     cells: Vec<[f32; N]>,
@@ -58,12 +59,13 @@ impl<const D: usize, const N: usize> Table<D, N> {
     }
 }
 
-/// Table coordinate of a cosine. It is denser at grazing angles, where albedos are steep.
+/// Table coordinate of the cosine between the viewer direction and the normal. Table entries are denser at grazing
+/// angles, where albedos are steep.
 fn place(cosine: f32) -> f32 {
     cosine.max(0.0).sqrt()
 }
 
-/// Viewer direction that corresponds to a table coordinate.
+/// Viewer direction that corresponds to the table coordinate `place`.
 fn viewer(place: f32) -> Vec3 {
     let z = (place * place).max(1e-4);
     Vec3::new((1.0 - z * z).max(0.0).sqrt(), 0.0, z)
@@ -90,8 +92,8 @@ impl Facets {
     /// Shares for a surface without an interface, for which no table is needed.
     pub const NONE: Self = Self { all: 1.0, metal: 0.0, dielectric: 0.0, passed: 1.0, mean: 1.0, rise: 0.0 };
 
-    /// Shares for a distribution of facets. `out` is the direction to the viewer in the frame of the distribution,
-    /// and `eta` the relative index of the other side.
+    /// Shares for a distribution of facets. `out` is the direction to the viewer in the frame of the distribution.
+    /// `eta` is the index of refraction of the other side, relative to the side of the viewer.
     pub fn new(ggx: &Ggx, out: Vec3, eta: f32) -> Self {
         let [x, y] = ggx.alphas();
         if x <= y {
@@ -131,8 +133,8 @@ impl Facets {
         [once, (once * self.gain(f0 + (1.0 - f0) * self.rise)).min(1.0)]
     }
 
-    /// Ratio of total to single scattering for facets of mean reflectance `f`. Single scattering by white facets
-    /// reflects the share `all`.
+    /// Ratio of all reflected light to the light that is reflected by single scattering, for facets of mean
+    /// reflectance `f`.
     fn gain(&self, f: f32) -> f32 {
         1.0 + (1.0 - self.all) / self.all * again(f, self.mean)
     }
@@ -155,10 +157,10 @@ pub fn mean_reflection(f0: f32, eta: f32, roughness: f32) -> f32 {
     (f0 * a + b + (f0 * c + d) * again(f0 + (1.0 - f0) * rise, a + b)).min(1.0)
 }
 
-/// Number of viewer coordinates, and of roughnesses, in the tables of isotropic facets.
+/// Number of viewer coordinates and number of roughnesses in the tables of isotropic facets.
 const SIDE: usize = 32;
 
-/// Index of the last table entry before the coordinate `at` (from 0 to 1), and the distance of `at` from that entry
+/// Index of the last table entry before the coordinate `at` (from 0 to 1), and the distance from that entry to `at`
 /// in units of the entry spacing.
 fn step(at: f32) -> (usize, f32) {
     let x = at.clamp(0.0, 1.0) * (SIDE - 1) as f32;
@@ -166,7 +168,7 @@ fn step(at: f32) -> (usize, f32) {
     (cell, x - cell as f32)
 }
 
-/// Tables for one relative index.
+/// Tables for one relative index of refraction.
 struct Slice {
     eta: f32,
     /// Values of `all`, `metal`, `dielectric` and `passed` of [`Facets`] over the viewer coordinate, for each
@@ -235,11 +237,12 @@ fn brushed(eta: f32) -> Table<4, 4> {
     })
 }
 
-/// Number of slices from an index of 1 to an index of 1.5. The last slice has an index of 61.
+/// Number of slices from an index of refraction of 1 up to an index of 1.5. The last slice has an index of about
+/// 61.
 const STEPS: f32 = 20.0;
 const SLICES: usize = 45;
 
-/// Value of `f` for a relative index, interpolated between slices.
+/// Value of `f` for the relative index of refraction `eta`, interpolated between slices.
 fn at_index<const N: usize>(eta: f32, f: impl Fn(&Slice) -> [f32; N]) -> [f32; N] {
     static OUTSIDE: [OnceLock<Box<Slice>>; SLICES] = [const { OnceLock::new() }; SLICES];
     static INSIDE: [OnceLock<Box<Slice>>; SLICES] = [const { OnceLock::new() }; SLICES];

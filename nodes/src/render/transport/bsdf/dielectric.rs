@@ -10,8 +10,9 @@ pub fn f0_of_ior(ior: f32) -> f32 {
     r * r
 }
 
-/// Relative index of the far side of a surface. For a body it is kept away from 1: at an index of 1 light is not
-/// bent, so the facet that refracts it cannot be determined from the two directions.
+/// Index of refraction of the far side of a surface, relative to the side of the viewer. The index of a body counts
+/// as at least 1.01: at an index of 1 light is not bent, so the facet that refracts it cannot be determined from
+/// the two directions.
 pub fn relative(params: &BsdfParams) -> f32 {
     let index = if params.thick { params.ior.max(1.01) } else { params.ior };
     if params.inside { 1.0 / index } else { index }

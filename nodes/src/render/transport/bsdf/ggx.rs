@@ -19,7 +19,7 @@ pub struct Ggx {
 /// Mirror reflection between two directions, at the facet that lies halfway between them.
 #[derive(Debug, Clone, Copy)]
 pub struct Mirror {
-    /// Cosine between either direction and the facet.
+    /// Cosine between either direction and the normal of the facet.
     pub cosine: f32,
     /// Value of the BRDF for a perfect mirror, times the cosine of the incident direction.
     pub value: f32,
@@ -61,15 +61,15 @@ impl Ggx {
         (0.5 * (x + y)).max(0.0).sqrt().sqrt().min(1.0)
     }
 
-    /// Density of facets (Walter et al. 2007), computed from the tangent components so that it is exact near
-    /// the pole.
+    /// Density of facets (Walter et al. 2007), computed from the tangent components so that it is accurate near the
+    /// pole.
     fn d(&self, half: Vec3) -> f32 {
         let (x, y) = (half.x / self.x, half.y / self.y);
         let d = x * x + y * y + half.z * half.z;
         1.0 / (PI * self.x * self.y * d * d)
     }
 
-    /// Smith's auxiliary function.
+    /// Smith's auxiliary function, from which masking and shadowing are computed.
     fn lambda(&self, d: Vec3) -> f32 {
         let (x, y) = (d.x * self.x, d.y * self.y);
         0.5 * ((1.0 + (x * x + y * y) / (d.z * d.z)).sqrt() - 1.0)
@@ -105,7 +105,7 @@ impl Ggx {
         Vec3::new(half.x * self.x, half.y * self.y, half.z.max(0.0)).normalize_or(Vec3::Z)
     }
 
-    /// Incident direction that a sampled facet reflects to `out`.
+    /// Samples a facet, and returns the incident direction that it reflects to `out`.
     pub fn reflect(&self, out: Vec3, point: [f32; 2]) -> Vec3 {
         let half = self.sample(out, point);
         half * (2.0 * out.dot(half)) - out

@@ -11,7 +11,8 @@ use super::gloss::Gloss;
 use super::{BsdfParams, Scatter};
 
 /// Refraction of light from `incident`, below the surface, to `out`, above it. Returns the value of the BSDF
-/// without gain (Walter et al. 2007), the density of `incident`, and the cosine between `out` and the facet.
+/// without gain (Walter et al. 2007), the density of `incident`, and the cosine between `out` and the normal of the
+/// facet.
 pub fn refraction(ggx: &Ggx, out: Vec3, incident: Vec3, eta: f32) -> [f32; 3] {
     let half = (out + incident * eta).normalize_or_zero();
     let half = if half.z < 0.0 { -half } else { half };
@@ -35,7 +36,7 @@ pub fn tint(params: &BsdfParams) -> Vec3 {
 pub struct Glass {
     /// Index of refraction of the other side, relative to the side of the viewer. `None` for a thin wall.
     eta: Option<f32>,
-    /// Product of share, colour and gain.
+    /// Product of the transmitted share, the colour and the gain.
     weight: Vec3,
     /// Share of the surface that is metal, which reflects light at every angle.
     metal: f32,
@@ -72,8 +73,8 @@ impl Glass {
         self.eta.is_some()
     }
 
-    /// Probability of reflection rather than refraction at a facet of a body. `None` for a thin wall, for which the
-    /// lobe is chosen before a facet is sampled.
+    /// Probability of reflection rather than refraction at a facet of a body. `None` for a thin wall, where the
+    /// choice between reflection and transmission is made before a facet is sampled.
     pub fn reflection_probability(&self, facing: f32) -> Option<f32> {
         let f = fresnel(facing, self.eta?);
         let (mirrored, passed) = (self.metal + (1.0 - self.metal) * f, self.clear * (1.0 - f));
@@ -97,7 +98,7 @@ impl Glass {
         Scatter { value: self.weight * value, pdf }
     }
 
-    /// Samples a direction below the surface of a thin wall.
+    /// Samples an incident direction on the far side of a thin wall.
     pub fn through(&self, ggx: &Ggx, out: Vec3, point: [f32; 2]) -> Vec3 {
         let mirrored = ggx.reflect(out, point);
         Vec3::new(mirrored.x, mirrored.y, -mirrored.z)

@@ -8,7 +8,7 @@ use super::ggx::{Ggx, schlick};
 use super::thin_film;
 use super::{BsdfParams, Scatter};
 
-/// Interface of a dielectric, and the share of the surface that it covers. The default share is 0.
+/// Dielectric interface of a surface. The default has a strength of 0 and reflects nothing.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Interface {
     index: f32,
@@ -27,7 +27,7 @@ impl Interface {
         Self { index: params.ior, f0, strength, roughness }
     }
 
-    /// Directional albedo towards a viewer.
+    /// Directional albedo towards a viewer. `cosine` is the cosine between the viewer direction and the normal.
     pub fn albedo(&self, cosine: f32) -> f32 {
         if self.strength == 0.0 {
             return 0.0;
@@ -35,9 +35,9 @@ impl Interface {
         self.strength * Facets::round(cosine, self.roughness, self.index).dielectric(self.f0)[1]
     }
 
-    /// Coupling factor of the matte layer below. The layer receives the light that the interface transmits, and the
-    /// viewer receives the part of the reflected light that the interface transmits back. The factor keeps white
-    /// surfaces white (Kelemen and Szirmay-Kalos 2001).
+    /// Factor for the light that the matte layer below the interface reflects. It accounts for light that the
+    /// interface reflects back to the matte layer, so that white surfaces reflect all light (Kelemen and
+    /// Szirmay-Kalos 2001).
     pub fn between(&self) -> f32 {
         if self.strength == 0.0 {
             return 1.0;
@@ -55,15 +55,16 @@ pub struct Gloss {
     pub facets: Facets,
     /// Index of refraction of the other side, relative to the side of the viewer.
     pub eta: f32,
-    /// Reflectance of the dielectric at normal and grazing incidence, times its share.
+    /// Reflectance of the dielectric at normal and grazing incidence, times the share of the surface that is
+    /// dielectric.
     dielectric: [Vec3; 2],
-    /// Reflectance of the metal at normal and grazing incidence, times its share.
+    /// Reflectance of the metal at normal and grazing incidence, times the share of the surface that is metal.
     metal: [Vec3; 2],
-    /// Factor that compensates the energy lost between facets.
+    /// Factor that compensates the energy that single scattering loses.
     gain: Vec3,
     /// Directional albedo towards the viewer.
     pub albedo: Vec3,
-    /// Share that the dielectric interface transmits to the layers below.
+    /// Share of the light that the dielectric interface transmits to the layers below.
     pub left: Vec3,
 }
 

@@ -9,7 +9,7 @@ use super::gloss::{Gloss, Interface};
 use super::{BsdfParams, Frame, Lobe, Scatter, albedo, cosine, glass, sheen};
 use crate::math::color::luminance;
 
-/// Indices of the lobes, in the order in which they are chosen.
+/// Index of the matte lobe. The lobes are numbered in the order in which a random number chooses among them.
 const MATTE: usize = 0;
 const THROUGH: usize = 1;
 const SHEEN: usize = 2;
@@ -17,7 +17,7 @@ const GLOSS: usize = 3;
 const GLASS: usize = 4;
 const COAT: usize = 5;
 
-/// Minimum probability of a present lobe, before normalisation.
+/// Minimum probability of a lobe whose weight is above 0, before normalisation.
 const LEAST: f32 = 0.1;
 
 /// Index of refraction of the clearcoat, as defined by KHR_materials_clearcoat.
@@ -79,26 +79,26 @@ fn clear(roughness: f32) -> BsdfParams {
     BsdfParams { roughness, ior: COAT_INDEX, ..BsdfParams::default() }
 }
 
-/// All lobes of a material towards a viewer.
+/// All lobes of a material, for one direction to the viewer.
 #[derive(Debug, Clone, Copy)]
 pub struct Layers {
     /// Frame of the specular lobes.
     frame: Frame,
     geometric: Vec3,
-    /// Direction to the viewer in the frame.
+    /// Direction to the viewer in `frame`.
     out: Vec3,
     /// Frame of the matte lobes. Unlike `frame`, it does not depend on the direction to the viewer.
     matte_frame: Frame,
     matte: Vec3,
     through: Vec3,
     interface: Interface,
-    /// Share of matte light towards the viewer that the interface transmits. See [`Interface::between`].
+    /// Product of [`Gloss::left`] and [`Interface::between`]. It applies to the light of the matte lobes.
     coupling: Vec3,
     gloss: Gloss,
     glass: Option<Glass>,
     sheen: Option<Sheen>,
     coat: Option<Coat>,
-    /// Share that clearcoat and sheen transmit to the base.
+    /// Share of the light that clearcoat and sheen transmit to the base.
     under: f32,
     shares: [f32; 6],
     every_lobe: bool,
@@ -112,14 +112,15 @@ impl Layers {
         (!passes).then(|| frame.normal())
     }
 
-    /// Share that clearcoat and sheen transmit to the base and its emission.
+    /// Share of the light that clearcoat and sheen transmit to the base, which is also the share of the base's
+    /// emission that they transmit.
     pub fn under(&self) -> f32 {
         self.under
     }
 
-    /// Layers of a material. The three frames are those of the matte lobes, of the other lobes of the base, and of
-    /// the clearcoat. The geometric normal and the normals of the last two frames are on the side of the unit
-    /// direction `out`.
+    /// Layers of a material. The array contains three frames: for the matte lobes, for the other lobes of the base,
+    /// and for the clearcoat. The geometric normal and the normals of the last two frames are on the side of the
+    /// unit direction `out`.
     pub fn new(
         [matte_frame, frame, coated]: [Frame; 3],
         geometric: Vec3,

@@ -5,8 +5,8 @@
 //! Each layer transmits the light that its directional albedo does not reflect, so that energy is conserved and
 //! white surfaces lose none.
 //!
-//! The lobes form two classes, sampled and weighted against light samples separately, because the receiver may be
-//! visible to one class and transparent to the other.
+//! The lobes form two classes. Each class is sampled separately and has its own weights against light samples,
+//! because the receiver may be visible to rays of one class and transparent to rays of the other.
 
 mod albedo;
 mod dielectric;
@@ -29,9 +29,9 @@ pub use layers::{Layers, straight};
 /// A class of lobes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Lobe {
-    /// Light that entered the surface and leaves it in any direction, and sheen.
+    /// Matte reflection and diffuse transmission, in which light leaves in any direction, and sheen.
     Diffuse,
-    /// Light that is reflected or refracted at an interface.
+    /// Reflection and transmission at an interface.
     Specular,
 }
 
@@ -79,7 +79,7 @@ pub struct BsdfParams {
     pub sheen: (Vec3, f32),
     /// Share and roughness of the clearcoat.
     pub coat: (f32, f32),
-    /// True if absent lobes are evaluated like present ones.
+    /// True if lobes whose weight is 0 are evaluated like all others.
     pub every_lobe: bool,
 }
 
@@ -146,7 +146,8 @@ impl Frame {
         self.0[0] * d.x + self.0[1] * d.y + self.0[2] * d.z
     }
 
-    /// Transforms the direction to a viewer into this frame, and lifts it above the horizon.
+    /// Transforms the direction to a viewer into this frame. If the result is below the horizon, it is moved above
+    /// it.
     fn viewer(&self, out: Vec3) -> Vec3 {
         let local = self.to(out);
         Vec3::new(local.x, local.y, local.z.max(1e-4)).normalize()
@@ -207,7 +208,7 @@ impl Bsdf {
         }
     }
 
-    /// Share of emission below clearcoat and sheen that reaches the viewer.
+    /// Share of the emission of the base that clearcoat and sheen transmit to the viewer.
     pub fn under(&self) -> f32 {
         match self {
             Self::Matte { .. } => 1.0,
@@ -239,8 +240,8 @@ impl Bsdf {
         }
     }
 
-    /// Samples a class and an incident direction, with the value and density of that class. `None` if the
-    /// direction leaves on the wrong side of the surface.
+    /// Samples a class of lobes and an incident direction. Also returns the value and density of this class for the
+    /// direction. `None` if the direction is on the wrong side of the surface.
     pub fn sample(&self, points: &Points, pair: u32) -> Option<(Lobe, Vec3, Scatter)> {
         let point = points.pair(pair);
         let (lobe, incident) = match self {

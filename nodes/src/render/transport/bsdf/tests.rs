@@ -44,7 +44,7 @@ fn furnace_from(params: &BsdfParams, out: Vec3, scramble: u64, points: u32) -> f
 const ROUGHNESSES: [f32; 7] = [0.0, 0.05, 0.1, 0.25, 0.5, 0.75, 1.0];
 const COSINES: [f32; 5] = [0.05, 0.1, 0.3, 0.6, 1.0];
 
-/// Bases that conserve energy, with their names.
+/// Base materials that conserve energy, with their names.
 fn bases() -> Vec<(String, BsdfParams)> {
     let plain = BsdfParams::default();
     let pane = BsdfParams { transmission: 1.0, ..plain };
@@ -268,8 +268,8 @@ fn extremes_are_finite() {
     }
 }
 
-/// Chi-square test of the sampler of each class against its density, for materials dominated by each lobe, and for
-/// the receiver. This test fails if `v.sqrt()` in `cosine` is replaced by `v`.
+/// Chi-square test of the sampler of each class against its density: for each lobe with a material that it
+/// dominates, and for the receiver. This test fails if `v.sqrt()` in `cosine` is replaced by `v`.
 #[test]
 fn samplers_follow_their_densities() {
     let black = BsdfParams { base: Vec3::ZERO, ior: 1.0, ..BsdfParams::default() };

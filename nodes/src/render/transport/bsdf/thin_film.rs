@@ -9,9 +9,9 @@ use super::dielectric::{cos_refracted, f0_of_ior as from_index};
 use super::ggx::schlick;
 use crate::math::num::f32::{cos, exp};
 
-/// Fourier transforms of the CIE colour matching functions, in SI units. Each colour matching function is
-/// approximated by a Gaussian with the given height, position and variance; X is the sum of the first and the last
-/// one.
+/// Fourier transforms of the CIE colour matching functions, in SI units. Each row is a Gaussian, given by its
+/// height, position and variance. X is approximated by the sum of the first and the last row, Y by the second and Z
+/// by the third.
 const SENSITIVITY: [[f32; 3]; 4] = [
     [5.4856e-13, 1.6810e6, 4.3278e9],
     [4.4201e-13, 1.7953e6, 9.3046e9],
@@ -39,8 +39,9 @@ fn wave(path: f32, shift: Vec3) -> Vec3 {
         + Vec3::new(-0.498_531_4, 0.041_556, 1.057_225_2) * xyz[2]
 }
 
-/// Equivalent reflectance at normal incidence of a thin film on a base of reflectance `f0`. If this reflectance
-/// rises towards 1 by the share `risen`, it equals the reflectance of the film at the given cosine.
+/// Computes the reflectance at normal incidence of a plain surface that can replace a thin film on a base of
+/// reflectance `f0`. If the result is raised towards 1 by the share `risen`, it equals the reflectance of the film
+/// at the given cosine.
 pub fn f0(index: f32, thickness_nm: f32, f0: Vec3, cosine: f32, risen: f32) -> Vec3 {
     // A film thinner than an atom has no effect.
     let fade = (thickness_nm / 0.03).min(1.0);

@@ -1,7 +1,7 @@
 //! Position of the point of capture of a panorama relative to the receiver.
 //!
-//! The point may lie on or under the floor, because it was given as the origin of the scene, or because of the
-//! error of the mesh. From there only back faces and no light would be visible.
+//! The given point may lie on or under the floor, either because the user gave the origin of the scene, or because
+//! the mesh is inaccurate. From such a point, only back faces would be visible, and no light.
 
 use glam::{DVec3, Vec3};
 

@@ -47,10 +47,10 @@ fn support(side: &Side, reach: f64, origin: DVec3, metre: f64) -> Support {
     Support { out: side.out.as_vec3(), low, high, height, reach, claims }
 }
 
-/// Measures the ground under each object that may stand on it, and the surfaces that its flat sides rest on. The
-/// flag of `receiver` is true if its normals point away from the viewer. The flag of an object is true if the
-/// object may stand on the receiver. `metre` is the length of a metre in world units. `fixed` is the error of the
-/// mesh in metres if the user gave it; 0 means an exact mesh.
+/// Measures the ground under each object that may stand on it, and the surfaces that the flat sides of the objects
+/// rest on. The flag in `receiver` is true if the normals of the mesh point away from the viewer. The flag of each
+/// object is true if the object may stand on the receiver. `metre` is the length of a metre in world units. `fixed`
+/// is the error of the mesh in metres if the user gave it; 0 means an exact mesh.
 pub fn measure(
     receiver: (&Receiver, bool),
     objects: &[(impl AsRef<Placed>, bool)],

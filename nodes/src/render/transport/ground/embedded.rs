@@ -6,7 +6,7 @@ use crate::geometry::sampling::{Points, unit};
 use crate::render::transport::scene::objects::Objects;
 use crate::render::transport::scene::receiver::Receiver;
 
-/// Number of sample points per object.
+/// Number of sample points on each object.
 const PLACES: u32 = 256;
 /// Range of hidden shares that are reported. If the share is smaller, only an edge is hidden; if it is larger, the
 /// object is inside a wall.

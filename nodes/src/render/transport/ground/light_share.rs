@@ -10,8 +10,8 @@ use glam::Vec3;
 /// Maximum number of columns and rows of cells, each tested by one ray.
 const MOST: [usize; 2] = [128, 64];
 
-/// Share of the light, by luminance, that reaches the point `from` if the receiver blocks light by the given rule.
-/// 1 for a black sky.
+/// Share of the sky's light, by luminance, that reaches the point `from` if the receiver blocks light by the given
+/// rule. Returns 1 if the sky is black.
 pub fn share_past(sky: &EnvironmentLight, receiver: &Receiver, from: Vec3, block: &Block) -> f64 {
     let grid = &sky.texel_grid;
     let [width, height] = [grid.width, grid.height];

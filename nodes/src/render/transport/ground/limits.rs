@@ -1,8 +1,8 @@
 //! Tolerances of contact.
 
-/// Largest error of a mesh that is assumed by default, in metres.
+/// Maximum error of a mesh, in metres, that is assumed if the user gives none.
 pub(crate) const LARGEST: f64 = 0.05;
 /// Maximum distance between two surfaces that touch, in metres.
 pub(crate) const TOUCHING: f64 = 0.01;
-/// Roughness below which a mesh is not corrected, in metres.
+/// Roughness of a mesh, in metres, below which camera hits on the mesh are not moved.
 pub(crate) const SMOOTHEST: f64 = 1e-4;

@@ -1,4 +1,4 @@
-//! Analysis before pixels are traced: supports of the objects, and the point of capture.
+//! Analysis before pixels are traced: the surfaces that objects rest on, and the point of capture.
 
 pub(crate) mod capture_point;
 pub mod contact;

@@ -7,10 +7,10 @@ use crate::geometry::sampling::{Points, circle};
 use crate::render::transport::scene::block::{Block, LAYERS};
 use crate::render::transport::scene::receiver::Receiver;
 
-/// Minimum share of the light that a rule must let in to be chosen.
+/// Minimum share of the light that a blocking rule must let in for [`Probe::decide`] to choose it.
 const LEAST_LIGHT: f64 = 0.25;
 
-/// First hits of probe rays from the point of capture.
+/// Statistics of the first hits of probe rays from a point, usually the point of capture.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Probe {
     /// Number of rays.
@@ -29,7 +29,7 @@ pub struct Probe {
 impl Probe {
     const RAYS: u32 = 256;
 
-    /// Sends rays in all directions.
+    /// Traces rays from a point in all directions.
     pub fn send(receiver: &Receiver, from: Vec3) -> Self {
         let mut probe = Self { rays: Self::RAYS, ..Self::default() };
         let (mut low, mut high) = (from, from);
@@ -50,7 +50,7 @@ impl Probe {
         probe
     }
 
-    /// Rays in all directions.
+    /// Rays from the point `from`, spread over all directions.
     pub fn rays(from: Vec3) -> impl Iterator<Item = Ray> {
         (0..Self::RAYS).map(move |i| {
             let [u, v] = Points::new(0, i).pair(0);

@@ -77,8 +77,8 @@ impl Side {
         sides
     }
 
-    /// Side of an object, given by its points, that faces in the direction opposite to `out`. `None` if the side is
-    /// not flat.
+    /// Side of an object that faces in the direction opposite to `out`. `points` are the vertices of the object.
+    /// `None` if the side is not flat.
     fn along(points: &[DVec3], out: DVec3, axes: [DVec3; 2]) -> Option<Self> {
         let place = |p: &DVec3| DVec3::new(p.dot(axes[0]), p.dot(axes[1]), p.dot(out));
         let around = |points: &mut dyn Iterator<Item = DVec3>| {
@@ -106,13 +106,14 @@ impl Side {
         })
     }
 
-    /// Half the size of the side itself along each axis; [`Side::half`] is larger.
+    /// Half the size of the side along each axis. [`Side::half`] is 1.5 times as large.
     pub(crate) fn own(&self) -> [f64; 2] {
         self.half.map(|half| half / 1.5)
     }
 
-    /// Rays in the direction opposite to `out` over a grid, from `largest` above the side to `largest` below it,
-    /// and the positions on the side that they pass through.
+    /// Rays through the points of a grid over the sampled region, in the direction opposite to `out`. Each ray
+    /// starts `largest` above the side and ends `largest` below it. Each item contains the position of the grid
+    /// point along the axes, and the ray.
     pub(crate) fn grid_rays(&self, origin: DVec3, largest: f64) -> impl Iterator<Item = ([f64; 2], Ray)> {
         let Self { out, axes, height, middle, half, .. } = *self;
         (0..GRID * GRID).map(move |k| {
@@ -124,8 +125,8 @@ impl Side {
         })
     }
 
-    /// Points where the mesh is near the side and parallel to it. For each: the position along the axes and the
-    /// height above the side, and whether the mesh faces the object.
+    /// Points where the mesh is near the side and parallel to it. For each point, returns its position along the
+    /// axes and its height above the side, and whether the mesh faces the object there.
     fn heights(
         &self,
         (receiver, inverted): (&Receiver, bool),
@@ -174,11 +175,11 @@ impl Side {
         }
     }
 
-    /// Level of the mesh at a flat side that rests on it, and the height by which the mesh rises, due to its slope,
-    /// from the centre of the side to a corner. `None` if the side does not rest on the mesh. Objects often stand
-    /// near a wall, so a gap counts as an error of the mesh only if it is within the noise of the mesh. Objects
-    /// cannot be inside a wall, so a side that the mesh covers counts as resting on it, as for the ground. `fixed`
-    /// is the error of the mesh in metres, if known.
+    /// Level of the mesh at a flat side that rests on it. Also returns the height by which the mesh, due to its
+    /// slope, rises from the centre of the side to a corner. `None` if the side does not rest on the mesh. Objects
+    /// often stand near a wall, so a gap counts as an error of the mesh only if it is within the noise of the mesh.
+    /// Objects cannot be inside a wall, so a side that the mesh covers counts as resting on the mesh. `fixed` is
+    /// the error of the mesh in metres, if known.
     pub(crate) fn rests(
         &self,
         receiver: (&Receiver, bool),

@@ -1,4 +1,4 @@
-//! Supports of the objects: the receiver, another object, or neither.
+//! Supports of the objects: each stands on the receiver, on another object, or on nothing.
 
 use glam::{DVec3, Vec3};
 
@@ -33,8 +33,8 @@ pub(crate) struct Standing {
     pub(crate) embedded: Vec<Option<Embedded>>,
 }
 
-/// Finds the supports of the objects and stores them in `objects`. `eye` is the position of a camera in the place,
-/// `contact_metres` the error of the mesh if known.
+/// Finds the supports of the objects and stores them in `objects`. `eye` is the position of a camera in the place.
+/// `contact_metres` is the error of the mesh, if known.
 pub(crate) fn find_ground(
     objects: &mut Objects,
     receiver: &Receiver,
@@ -73,7 +73,7 @@ pub(crate) fn find_ground(
     Standing { ground: measured, sides, carried, tall, unsupported, embedded }
 }
 
-/// True for each object of which at least part of the foot stands on another object, to within the error of a mesh.
+/// True for each object whose foot stands at least partly on another object, to within the error of a mesh.
 fn carried(
     objects: &Objects,
     placed: &[impl AsRef<Placed>],

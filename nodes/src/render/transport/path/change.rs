@@ -1,8 +1,8 @@
 //! Change that the objects make to the light that leaves a point of the receiver.
 //!
-//! The light without objects is known from other samples, so only the difference is estimated, and only where
-//! there is one: light samples are taken in the part of the sky that the objects can block, and scattered
-//! rays are sent to the objects themselves. Where no ray hits an object the difference is 0, bit for bit.
+//! The light without objects is known from other samples, so only the difference is estimated. Light samples are
+//! taken only in the part of the sky that the objects can block, and scattered rays are sent towards the objects
+//! themselves. If no ray hits an object, the difference is exactly 0.
 
 use glam::Vec3;
 
@@ -43,7 +43,7 @@ pub fn estimates_change(points: &Points, probability: f32) -> bool {
     probability >= 1.0 || unit(points.bits(TOWARDS + 2)[0]) < probability
 }
 
-/// Rays from a first vertex towards the objects.
+/// Sampling of rays from a first vertex towards the objects.
 fn towards(sampling: &ChangeSampling<'_>) -> Towards {
     Towards::within(Cone::between([sampling.start; 2], sampling.objects), sampling.rays)
 }
@@ -148,7 +148,7 @@ impl<'a> Integrator<'a> {
         with - self.with(pass, |own| own.radiance(Vertex::Receiver(hit), ray))
     }
 
-    /// Rays from a later receiver vertex towards the objects, if the objects emit light; see
+    /// Sampling of rays towards the objects from a receiver vertex after the first, if the objects emit light; see
     /// [`Pass::towards`].
     pub(crate) fn towards_lamps(&self, surface: &Surface) -> Towards {
         let objects = self.scene.objects;
@@ -195,7 +195,7 @@ impl<'a> Integrator<'a> {
         self.with(pass, |own| onwards(own, vertex, state))
     }
 
-    /// Part of the light of a light sample that the objects block. The radiance of the sample is computed last,
+    /// Light that the objects block, estimated from one light sample. The radiance of the sample is computed last,
     /// since most samples hit no object.
     fn blocked_light(&mut self, surface: &Surface, drawn: &DrawnDirection, key: u32) -> Vec3 {
         let scatter = surface.bsdf.eval(drawn.direction)[Lobe::Diffuse as usize];
@@ -215,8 +215,9 @@ impl<'a> Integrator<'a> {
     }
 
     /// Radiance along a scattered ray with objects, minus the radiance without objects. If no object affects the
-    /// ray, returns 0 and the ray's hit on the receiver; if `only` is true, this hit may be missing. The tuple
-    /// argument contains the throughput, its share (see [`PathState::share`]) and the density of the ray.
+    /// ray, returns 0 and the ray's hit on the receiver. If `only` is true, the caller needs only the difference,
+    /// and the hit may be missing. The tuple argument contains the throughput, its share (see [`PathState::share`])
+    /// and the density of the ray.
     fn difference(
         &mut self,
         at: &ShadingPoint,
@@ -279,8 +280,8 @@ impl<'a> Integrator<'a> {
     }
 }
 
-/// Number of rays per steradian towards the objects. If the objects emit light, it increases with the ratio of the
-/// mean radiance of their bounding box to the mean radiance of the sky.
+/// Number of rays per steradian towards the objects. If the objects emit light, this number increases with the
+/// ratio of the mean radiance of their bounding box to the mean radiance of the sky.
 pub fn rays_towards(scene: &Scene<'_>) -> f32 {
     let (power, bounds) = (scene.objects.emitters.power, scene.objects.bvh.bounds());
     let Some((low, high)) = bounds.filter(|_| power > 0.0) else { return RAYS };

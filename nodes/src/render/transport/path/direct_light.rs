@@ -17,11 +17,11 @@ use crate::render::transport::sky::light_draws::wanted;
 /// Index of the first pair of sample dimensions that are reserved for emitter samples. Each vertex of a path uses
 /// two pairs, from `LAMPS + 2 * bounce`: one to choose an emitter, and one to choose a position on it.
 const LAMPS: u32 = 1 << 16;
-/// Offset from the pair of sample dimensions of a light sample or scattered ray to the pair that chooses the
-/// virtual light in `dimming`.
+/// Offset between two pairs of sample dimensions. Added to the pair of a light sample or scattered ray, it gives
+/// the pair that chooses the virtual light in `dimming`.
 const DIMMING: u32 = 3 << 17;
-/// Offset from the pair of sample dimensions of a light sample or scattered ray to the pair that chooses a
-/// direction within the virtual light's piece of the sky in `dimming`.
+/// Same as [`DIMMING`], for the pair that chooses a direction within the virtual light if this light is a piece of
+/// the sky.
 const DIMMING_PIECE: u32 = 7 << 16;
 /// Maximum number of light samples per vertex.
 const MANY: usize = 5;
@@ -53,7 +53,8 @@ impl FewDraws {
     }
 }
 
-/// Weight of a strategy with density `a` against one with density `b` (Veach 1997, power heuristic).
+/// MIS weight of a strategy with density `a` against another strategy with density `b` (Veach 1997, power
+/// heuristic).
 pub(crate) fn power_heuristic(a: f32, b: f32) -> f32 {
     // Densities of a sun in one texel overflow when squared in f32; their ratio does not.
     if a > b {
@@ -74,7 +75,8 @@ impl<'a> Integrator<'a> {
         self.pass.distributions.filter(|_| at.is_first()).unwrap_or_else(usual)
     }
 
-    /// Number of light samples per tier of the sky at a vertex. `None` if a single sample is taken.
+    /// Number of light samples that a vertex takes in each tier of the sky. `None` if it takes a single sample in
+    /// total.
     pub(crate) fn several(&self, at: &ShadingPoint) -> Option<[u32; TIERS]> {
         at.is_first().then_some(self.scene.sky.lights)
     }
@@ -179,8 +181,8 @@ impl<'a> Integrator<'a> {
         power_heuristic(pdf, emitter_pdf * hit.t * hit.t / cosine.max(1e-12))
     }
 
-    /// Light samples of a vertex. The first vertex of a path takes several per tier, because they cost less
-    /// than another path and their noise is directly visible. Later vertices take one.
+    /// Draws the light samples of a vertex. The first vertex of a path takes several per tier, because light
+    /// samples cost less than another path and their noise is directly visible. Later vertices take one.
     pub(crate) fn lights(
         &self,
         distributions: Distributions<'_>,
@@ -208,9 +210,10 @@ impl<'a> Integrator<'a> {
         found
     }
 
-    /// Share, per channel, of the near light of a receiver point that remains when the objects are in place. The
+    /// Share, per channel, of the light emitted by a receiver point that remains when the objects are in place. The
     /// panorama shows the point without objects, but the objects block a part of the light that falls on the point.
-    /// For each channel, the share is estimated from one virtual light, chosen in proportion to its contribution.
+    /// For each channel, the share is estimated from one virtual light, which is chosen in proportion to the light
+    /// that it contributes to the point.
     pub(crate) fn dimming(
         &mut self,
         near: &NearFieldLight<'_>,
@@ -246,7 +249,7 @@ impl<'a> Integrator<'a> {
         left
     }
 
-    /// Reflected light of a light sample at a surface. `near` contains the near light, if it is used, and the
+    /// Light of a light sample that a surface reflects. `near` contains the near light, if it is used, and the
     /// random numbers of the sample.
     fn light_sample(
         &mut self,

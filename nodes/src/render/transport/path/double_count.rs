@@ -13,8 +13,8 @@ use crate::render::transport::scene::objects::Objects;
 use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::sky::environment::EnvironmentLight;
 
-/// Ratio of the light that reflection by the receiver adds to the light without this reflection. Both are summed
-/// over the surface points that are visible from `from`.
+/// Ratio of two sums over the surface points that are visible from `from`: the light that the receiver adds by
+/// reflection, divided by the light without this reflection.
 pub(crate) fn counted_twice(
     receiver: &Receiver,
     sky: &EnvironmentLight,

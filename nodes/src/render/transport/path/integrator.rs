@@ -53,9 +53,9 @@ pub struct Pass<'a> {
     pub drawn: Option<&'a [DrawnDirection]>,
     /// Offset added to the origin of rays to objects from the first vertex; see [`Surface::lift`].
     pub lift: Vec3,
-    /// Rays from the first vertex towards the objects, in addition to scattered rays.
+    /// Sampling of rays from the first vertex towards the objects, in addition to scattered rays.
     pub(crate) towards: Towards,
-    /// Growth of the footprint of the camera ray per unit of length, for textures of objects.
+    /// Growth of the camera ray's footprint per unit of length, for the textures of objects.
     pub spread: f32,
 }
 
@@ -157,7 +157,8 @@ impl<'a> Integrator<'a> {
         surface
     }
 
-    /// Radiance along a camera ray of unit direction from its first vertex. Media before the receiver are ignored.
+    /// Radiance along a camera ray of unit direction, given its first vertex. Media in front of the receiver are
+    /// ignored.
     pub fn radiance(&mut self, first: Vertex, ray: Ray) -> Vec3 {
         let (mut throughput, mut media) = (Vec3::ONE, Media::default());
         let objects = self.scene.objects;
@@ -224,7 +225,7 @@ impl<'a> Integrator<'a> {
         }
     }
 
-    /// Rays from a vertex towards the objects, in addition to scattered rays.
+    /// Sampling of rays from a vertex towards the objects, in addition to scattered rays.
     fn towards_objects(&self, vertex: &Vertex, at: &ShadingPoint) -> Towards {
         match vertex {
             _ if !at.is_first() || !self.pass.objects => Towards::NOWHERE,

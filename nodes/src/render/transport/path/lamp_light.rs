@@ -17,7 +17,8 @@ use crate::render::transport::scene::media::Media;
 use crate::render::transport::sky::cone::Towards;
 
 impl Integrator<'_> {
-    /// Hit on the receiver of a ray that otherwise passes through the receiver. `None` if no object emits light.
+    /// Hit on the receiver along a ray that the receiver lets pass. `None` if there is no hit, or if no object
+    /// emits light.
     pub(crate) fn unlit(&mut self, ray: Ray) -> Option<Hit> {
         if !self.pass.objects || !self.pass.lamps || self.scene.objects.emitters.is_empty() {
             return None;
@@ -43,9 +44,9 @@ impl Integrator<'_> {
         self.lamp_radiance(Vertex::Receiver(hit), state, true)
     }
 
-    /// Light that objects scatter to the receiver hit of a ray under near light, reflected along the ray. Light
-    /// that the objects emit is not included. The reflectance of the point is estimated from the radiance that the
-    /// panorama shows there; the albedo of the mesh is not used.
+    /// Light that objects scatter to the receiver point that a ray hits, and that this point reflects along the
+    /// ray, under near light. Light that the objects emit is not included. The reflectance of the point is
+    /// estimated from the radiance that the panorama shows there; the albedo of the mesh is not used.
     pub(crate) fn objects_beyond(
         &mut self,
         landed: Option<Hit>,

@@ -1,10 +1,10 @@
 //! Virtual lights: points of the receiver and the sky that represent near light, used to find the share of a
 //! point's light that objects block.
 //!
-//! A receiver point under near light has the radiance that the panorama shows, captured without the objects.
-//! The objects block the same share of this radiance as of the irradiance at the point. Light that the objects add
-//! is reflected in the ratio of the radiance to the irradiance. Both computations need the incoming light in parts:
-//! each virtual light represents a piece of the receiver around it, or of the sky, by its radiance, area and normal
+//! A receiver point under near light has the radiance that the panorama shows, captured without the objects. The
+//! objects block the same share of this radiance as of the irradiance at the point. If the objects add irradiance,
+//! the radiance of the point grows in proportion. Both computations divide the incoming light into parts: each
+//! virtual light represents a piece of the receiver around it, or of the sky, by its radiance, area and normal
 //! (Keller 1997, virtual point lights).
 
 use std::f32::consts::TAU;
@@ -24,8 +24,8 @@ use crate::render::transport::sky::environment::EnvironmentLight;
 const POINTS: usize = 1024;
 /// Number of lights in a block. Each choice weighs the lights of one block, and every block covers all directions.
 const BLOCK: usize = 32;
-/// One light out of this number has a uniformly distributed direction, since surfaces that are dark but near
-/// contribute too.
+/// One in this many virtual lights is sampled with a uniformly distributed direction, since surfaces that are dark
+/// but near contribute too.
 const SPREAD: u32 = 4;
 
 /// A virtual light.
@@ -49,12 +49,12 @@ pub struct LightPoints(Vec<LightPoint>);
 pub struct WayToLight {
     /// Unit direction.
     pub direction: Vec3,
-    /// Distance.
+    /// Distance from the point to the light.
     pub distance: f32,
 }
 
 impl LightPoints {
-    /// Memory in bytes.
+    /// Memory use in bytes.
     pub fn bytes(&self) -> u64 {
         size_of_val(&*self.0) as u64
     }

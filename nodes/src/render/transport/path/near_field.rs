@@ -1,11 +1,11 @@
 //! Near light: the panorama is projected from its point of capture onto the receiver, which emits it.
 //!
-//! A panorama contains the light that arrives at one point. If it is infinitely distant, it lights every point
-//! alike. But a lamp on a wall two metres away is in another direction, and nearer, for a point one metre to the
-//! side. Here every receiver surface that is visible from the point of capture is a matte emitter, with the
-//! radiance that the panorama shows in its direction. Surfaces that are not visible from it receive and scatter
-//! light, and rays that leave the scene end in the panorama at infinity. Each light is counted once, indoors and
-//! outdoors.
+//! A panorama contains the light that arrives at one point. A panorama at infinity lights every point alike. But
+//! for a point one metre to the side, a lamp on a wall two metres away is in another direction and at another
+//! distance. Here every receiver surface that is visible from the point of capture is a matte emitter, with the
+//! radiance that the panorama shows in its direction. Surfaces that are not visible from the point of capture
+//! receive and scatter light, and rays that leave the scene end in the panorama at infinity. Each light is counted
+//! once, indoors and outdoors.
 //!
 //! A light sample is a direction from the point of capture, and thus a point of the receiver. As seen from the lit
 //! point, its density per steradian changes: it is multiplied by the ratio of the solid angles that the surface
@@ -62,8 +62,8 @@ impl<'a> NearFieldLight<'a> {
         EmissivePoint { position: surface.position, normal, margin: surface.margin, triangle: hit.triangle }
     }
 
-    /// Ratio of the solid angles that a surface element subtends at the point of capture and at `point`; 0 if
-    /// the two see different sides.
+    /// Ratio of the solid angles that a surface element subtends at the point of capture and at `point`. 0 if these
+    /// two points are on different sides of the surface.
     fn spread(&self, place: &EmissivePoint, point: Vec3) -> f32 {
         let [eye, other] = [self.eye, point].map(|from| {
             let way = from - place.position;
@@ -140,9 +140,9 @@ impl<'a> NearFieldLight<'a> {
         seen.then_some((LightSample { direction: ray.direction, pdf, ..light }, Some(place)))
     }
 
-    /// True if the radiance is too high for reflected light: above that of a white wall that receives all
-    /// light of the panorama. Objects in front of a wall attenuate the light that it reflects, but not the
-    /// light of a lamp.
+    /// True if the radiance is too high for reflected light, that is, above the radiance of a white wall that
+    /// receives all light of the panorama. Objects in front of a wall attenuate the light that the wall reflects,
+    /// but not the light of a lamp.
     pub fn is_lamp(&self, radiance: Vec3) -> bool {
         luminance(radiance.to_array())
             > luminance(self.sky.power.map(|p| p as f32)) * std::f32::consts::FRAC_1_PI

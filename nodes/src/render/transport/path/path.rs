@@ -55,8 +55,8 @@ pub(crate) struct PathState {
     pub bounce: u32,
     /// Throughput (beta).
     pub throughput: Vec3,
-    /// Factor of the throughput that is due to MIS weights against other rays. Russian roulette ignores this
-    /// factor, so that it never ends a path.
+    /// Factor of the throughput that is due to MIS weights against other rays. Russian roulette divides it out, so
+    /// that a small MIS weight does not make the path more likely to end.
     pub share: f32,
     /// MIS weight of the emission at the vertex against light samples of the previous vertex.
     pub mis_weight: f32,
@@ -64,7 +64,7 @@ pub(crate) struct PathState {
     pub media: Media,
 }
 
-/// Path under construction, and its light so far.
+/// A path that is being traced, and the light found so far.
 #[derive(Debug)]
 pub(crate) struct Path {
     /// The current vertex.

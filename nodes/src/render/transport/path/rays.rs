@@ -14,7 +14,7 @@ pub struct Rays {
     pub shadow: u64,
     /// Number of scattered rays.
     pub scattered: u64,
-    /// Number of rays with counted BVH steps: all rays of one tile in 16.
+    /// Number of rays whose BVH steps are counted. These are all rays of one tile in 16.
     pub followed: u64,
     /// BVH steps of the rays in `followed`.
     pub steps: Steps,

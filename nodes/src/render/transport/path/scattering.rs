@@ -33,7 +33,7 @@ pub(crate) struct Scattered {
 }
 
 impl Scattered {
-    /// Density of the direction for a specular lobe, otherwise 0.
+    /// Density of the direction if the lobe is specular, otherwise 0.
     fn glossy_pdf(&self) -> f32 {
         if self.lobe == Lobe::Specular { self.pdf } else { 0.0 }
     }

@@ -102,9 +102,10 @@ impl Integrator<'_> {
         (left, plain != Vec3::ONE)
     }
 
-    /// Distance along a ray at which environment light starts if the receiver lets it pass. It is the distance of
-    /// the receiver: the panorama shows the receiver there, so objects behind it block none of the light. Receiver
-    /// surfaces are ignored if their distance from the origin of the ray is within the error of the mesh.
+    /// Distance along a ray beyond which objects do not block environment light, if the receiver lets this light
+    /// pass. It is the distance to the first receiver surface: the panorama shows this surface in the direction of
+    /// the ray, so objects behind it cannot block the light. Receiver surfaces that are closer to the origin of the
+    /// ray than the error of the mesh are ignored. If the ray hits no surface, the result is the length of the ray.
     fn start_of_light(&mut self, ray: Ray) -> f32 {
         self.tally.rays.shadow += 1;
         let Scene { receiver, objects, .. } = self.scene;
@@ -113,9 +114,9 @@ impl Integrator<'_> {
         hit.t + objects.touching.allowance(&ray, hit.t, receiver.normal(hit.triangle))
     }
 
-    /// Transmittance of the objects for environment light along a ray, per class of lobes. `to_receiver` is the
-    /// same ray with the origin for tests against the receiver. Unless `solid` is true, objects behind the receiver
-    /// block no light.
+    /// Transmittance of the objects for environment light along a ray, per class of lobes. Both rays have the same
+    /// direction; `to_receiver` starts at the origin for tests against the receiver, and `to_objects` at the origin
+    /// for tests against objects. Unless `solid` is true, objects behind the receiver block no light.
     pub(crate) fn sky_transmittance(
         &mut self,
         (to_receiver, to_objects): (Ray, Ray),
@@ -138,8 +139,8 @@ impl Integrator<'_> {
         }
     }
 
-    /// Removes `object` if it is behind a receiver that lets environment light pass. Also returns the length of the
-    /// ray up to that receiver.
+    /// Returns `object`, or `None` if it is behind a receiver that lets environment light pass. Also returns the
+    /// length of the ray up to that receiver.
     pub(crate) fn before_the_light(
         &mut self,
         object: Option<Vertex>,

@@ -49,7 +49,7 @@ pub struct Visibility {
 }
 
 impl Rules {
-    /// True if light of the sky never passes the receiver.
+    /// True if light of the sky never passes through the receiver.
     #[inline]
     pub fn is_solid(&self) -> bool {
         self.near.is_some() || self.printed || (self.block == Block::Solid && !self.specular_env)

@@ -18,12 +18,12 @@ const SQUARES: [usize; 3] = [3, R0 + 3, R0 + 8];
 pub(crate) struct ReachedError {
     /// Target error.
     pub(crate) asked: f64,
-    /// Largest error of a tile, predicted from the first samples for the number of samples taken.
+    /// Largest error of any tile for the number of samples taken, as predicted from the first samples.
     pub(crate) predicted: f64,
-    /// Largest error of a tile after all samples.
+    /// Largest error of any tile after all samples.
     pub(crate) worst: f64,
-    /// Numbers of blocks of pixels: all, those that took more than the first samples, and those above the
-    /// target.
+    /// Total number of blocks of pixels, number of blocks that took more than the first samples, and number of
+    /// blocks whose error is above the target.
     pub(crate) blocks: [u64; 3],
     /// Average number of samples per pixel.
     pub(crate) samples: f64,
@@ -39,8 +39,8 @@ pub(crate) struct FinishedView {
     pub(crate) row: Vec<Cell>,
     pub(crate) rays: Rays,
     pub(crate) broken: u64,
-    /// Share of the samples of objects for which the limit on bounces ended a path that still carried most of its
-    /// light.
+    /// Among the samples that show an object, the share in which the limit on bounces ended a path that still
+    /// carried most of its light.
     pub(crate) cut: f64,
     /// Number of variances outside the range of single precision.
     pub(crate) beyond: u64,
@@ -66,7 +66,8 @@ impl FinishedView {
 /// number of chunks.
 pub(crate) struct Accumulator {
     pub(crate) whole: Area,
-    /// `R0 + PAIR` sums per pixel, with squares where the parts store roots.
+    /// `R0 + PAIR` sums per pixel. Sums of squares are stored here as such, while the parts store their square
+    /// roots.
     sums: Vec<f64>,
     /// Number of samples per pixel.
     samples: Vec<u32>,
@@ -77,7 +78,9 @@ pub(crate) struct Accumulator {
     rays: Rays,
     broken: u64,
     cut: u64,
-    /// Numbers of pixel chunks: all, those that no object changed, and of these, those that were cropped.
+    /// Total number of pixel chunks, number of pixel chunks that no object changed, and number of cropped pixel
+    /// chunks. Cropped chunks are included in the second number. A pixel chunk is one chunk of samples of one
+    /// pixel.
     pixels: [u64; 3],
     /// Upper bound of the relative change of light in cropped chunks.
     bound: f32,
@@ -99,7 +102,7 @@ impl Accumulator {
         }
     }
 
-    /// Adds the sums of a range of samples of an area.
+    /// Adds the sums over the samples in `range`, for the pixels of `area`.
     pub(crate) fn add(&mut self, area: Area, r0: &Sums, pair: &Sums, range: (u32, u32)) {
         let parts = r0.sums.chunks_exact(R0).zip(pair.sums.chunks_exact(PAIR));
         for (pixel, (a, b)) in area.each().zip(parts) {
@@ -132,7 +135,7 @@ impl Accumulator {
         (&self.sums[index * (R0 + PAIR)..(index + 1) * (R0 + PAIR)], f64::from(self.samples[index]))
     }
 
-    /// Share of a pixel that objects cover.
+    /// Share of a pixel that is covered by objects.
     pub(crate) fn alpha(&self, index: usize) -> f64 {
         let (sums, n) = self.pixel(index);
         sums[R0 + 7] / n
@@ -161,9 +164,9 @@ impl Accumulator {
         if cover > 0.0 { light / cover } else { 0.0 }
     }
 
-    /// Variances of the mean over samples of the luminance of R0, of the change C = R1 - R0, of O, and of the ratio
-    /// S = R1 / R0 of a pixel, as if samples were independent; 0 for a single sample. Stratified points have less
-    /// variance, so these values are too high. C is estimated separately from R0, so S = 1 + C / R0 has
+    /// Variances for a pixel, computed as if samples were independent: of the mean luminance of R0, of the change C
+    /// = R1 - R0 and of O, and of the ratio S = R1 / R0. They are 0 for a single sample. Stratified samples have
+    /// less variance, so these values are too high. C is estimated separately from R0, so S = 1 + C / R0 has
     ///
     /// `Var(S) = (Var(C) + (S - 1)^2 Var(R0)) / R0^2 - 2 (S - 1) Cov(C, R0) / R0^2`.
     ///

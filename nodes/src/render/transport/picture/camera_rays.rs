@@ -42,7 +42,7 @@ pub(crate) struct CameraRays<'a> {
     pub(crate) spread: f32,
     pub(crate) seed: u64,
     pub(crate) ground: &'a Ground,
-    /// Side, in pixels, of the blocks of which only one pixel is traced.
+    /// Side, in pixels, of the square blocks into which the image is divided. One pixel of each block is traced.
     coarse_px: u32,
     /// Silhouette of the objects, computed on first use.
     silhouette: OnceLock<Silhouette>,
@@ -94,8 +94,8 @@ impl<'a> CameraRays<'a> {
         objects.shown && self.silhouette.get_or_init(whole).holds(self.pixel(block))
     }
 
-    /// Points, hash key and camera ray of a sample of the pixel that represents a block. The position is uniform
-    /// over the pixel (box filter).
+    /// Random points, hash key and camera ray of one sample of the pixel that represents `block`. The position of
+    /// the sample is uniform over the pixel (box filter).
     pub(crate) fn sample(&self, block: (u32, u32), sample: u32) -> (Points, u32, Ray) {
         let (x, y) = self.pixel(block);
         let stream = stream(self.seed, x, y);

@@ -1,9 +1,9 @@
 //! Cropping: an upper bound of the change that objects make to the light of a tile of pixels.
 //!
 //! Objects change the light from the directions in which they are visible: they block the light behind them and add
-//! light. All these directions lie in a [`Window`]. With `P` its projected solid angle, `T` the light of the sky in
-//! it times the cosine, `L` the maximum radiance of any surface, and `Q` the projected solid angle of the receiver
-//! as seen from the tile, the irradiance changes by at most
+//! light. All these directions lie in a [`Window`]. Let `P` be the projected solid angle of the window, `T` the
+//! cosine-weighted light of the sky in the window, `L` the maximum radiance of any surface, and `Q` the projected
+//! solid angle of the receiver as seen from the tile. Then the irradiance changes by at most
 //!
 //! `max(T + P L, P L) + Q L`
 //!
@@ -89,8 +89,8 @@ impl Crop {
         Ok(Self { limit, surfaces, lands, objects: objects.into(), near: None })
     }
 
-    /// Upper bound of the relative change of light of any pixel of a tile whose points may be moved by up to
-    /// `lifted`. `None` if the change may exceed the limit.
+    /// Upper bound of the relative change of the light of any pixel in a tile. The points of the tile may be moved
+    /// by up to `lifted`. `None` if the change may exceed the limit.
     pub fn bound(&self, scene: &Scene<'_>, tile: &TileBounds, lifted: f32) -> Option<f64> {
         if tile.is_empty() {
             return Some(0.0);

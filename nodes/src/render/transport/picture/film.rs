@@ -72,8 +72,8 @@ impl Area {
         steps(self.height).flat_map(|y| steps(self.width).map(move |x| piece(x, y))).collect()
     }
 
-    /// True if BVH steps are counted for this tile. This is the case for one tile in 16 of each row and column of
-    /// tiles.
+    /// True if BVH steps are counted for this tile. This is the case for one tile in 16, along each row and along
+    /// each column of tiles.
     fn is_followed(&self) -> bool {
         (self.left / TILE + 5 * (self.top / TILE)).is_multiple_of(16)
     }
@@ -97,12 +97,12 @@ pub struct Sums {
     pub rays: Rays,
     /// Number of samples that were not finite and were ignored.
     pub broken: u64,
-    /// Number of samples of objects for which the limit on bounces ended a path that still carried most of its
-    /// light.
+    /// Number of samples that show an object and in which the limit on bounces ended a path that still carried most
+    /// of its light.
     pub cut: u64,
-    /// Number of pixels whose sums equal those without objects, bit for bit.
+    /// Number of pixels whose sums equal the sums without objects, bit for bit.
     pub untouched: u64,
-    /// Number of pixels that were cropped, and upper bound of the relative change of their light.
+    /// Number of cropped pixels, and an upper bound of the relative change of their light.
     pub cropped: (u64, f32),
     /// Bounds of each tile of [`Area::pieces`], if computed.
     pub tile_bounds: Vec<TileBounds>,
@@ -117,10 +117,10 @@ pub struct TileSums {
     pub rays: Rays,
     /// Number of samples that were not finite and were ignored.
     pub broken: u64,
-    /// Number of samples of objects for which the limit on bounces ended a path that still carried most of its
-    /// light.
+    /// Number of samples that show an object and in which the limit on bounces ended a path that still carried most
+    /// of its light.
     pub cut: u64,
-    /// Number of pixels whose sums equal those without objects, bit for bit.
+    /// Number of pixels whose sums equal the sums without objects, bit for bit.
     pub untouched: u64,
     /// Upper bound of the relative change of light, if the tile was cropped.
     pub cropped: Option<f64>,
@@ -141,8 +141,8 @@ impl TileSums {
         Self { sums: Vec::with_capacity(sums), ..Self::default() }
     }
 
-    /// Appends the sums of a pixel, clamped to the range of single precision. Infinities, such as depth beyond all
-    /// surfaces, are kept.
+    /// Appends the sums of a pixel, clamped to the range of single precision. Infinite values, such as the depth of
+    /// a pixel without a surface, are kept.
     pub fn push(&mut self, sums: &[f64]) {
         let single = |v: f64| if v.is_finite() { (v as f32).clamp(-f32::MAX, f32::MAX) } else { v as f32 };
         self.sums.extend(sums.iter().map(|&v| single(v)));
@@ -252,7 +252,7 @@ impl Artifact for Sums {
 /// Number of samples of the first chunk.
 pub const FIRST: u32 = 4;
 
-/// Ranges of samples that parts consist of. They begin at 0, 4, 16 and every multiple of 64, regardless of
+/// Half-open ranges of samples, one per chunk. They begin at 0, 4, 16 and every multiple of 64, regardless of
 /// `samples`, so a larger number of samples only adds parts.
 pub fn chunks(samples: u32) -> Vec<(u32, u32)> {
     let mut out = Vec::new();

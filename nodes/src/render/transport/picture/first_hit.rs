@@ -14,8 +14,8 @@ use crate::render::transport::scene::media::Media;
 /// Maximum number of positions in a pixel at which the nearest object is searched for.
 pub(crate) const PLACES: u32 = 16;
 
-/// Depth of the front surface at pixel centres, depth of the nearest object at `places` positions (those of
-/// the first samples), and normal of the front surface.
+/// Traces three values for each pixel: depth and normal of the front surface at the centre of the pixel, and the
+/// depth of the nearest object at the positions of the first `places` samples.
 pub(crate) fn trace_first_hit(
     scene: Scene<'_>,
     camera_rays: &CameraRays<'_>,

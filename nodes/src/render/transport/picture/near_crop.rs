@@ -1,20 +1,20 @@
 //! Bounds of the change that objects make under near light: see [`super::crop`].
 //!
 //! A point of the receiver that is visible from the point of capture has the radiance that the panorama shows in
-//! its direction, at most `B`. Objects attenuate this radiance with the probability that the tested piece of the
-//! point's light lies behind them, and add the light that they scatter to the point. Points that are not visible
-//! from the point of capture scatter light like any matte surface. With `a` the largest albedo and `E` the maximum
-//! irradiance of the sky, no surface exceeds
+//! its direction, at most `B`. To find the share of this radiance that objects block, one virtual light is chosen
+//! at random; objects attenuate the radiance if they lie in front of this light. Objects also add the light that
+//! they scatter to the point. Points that are not visible from the point of capture scatter light like any matte
+//! surface. With `a` the largest albedo and `E` the maximum irradiance of the sky, no surface exceeds
 //!
 //! `L = B + a (E / pi + B) + a^2 (E / pi + B) + ..`
 //!
 //! If there is a gap between the objects and the receiver, one cone contains the directions to the objects from all
 //! points of the receiver. As seen from any of these points, the objects have a projected solid angle of at most
-//! `P` and hide at most the light `T` of the sky, and the tested piece lies behind them with a probability of at
-//! most `d`. Only pieces of the sky can lie behind the objects, since no object lies between two points of the
-//! receiver. Then the radiance of any point changes by at most `D = max(B d, a ((T + P L) / pi + D'))`, where `D'`
-//! is `D` for one bounce less. The irradiance of a pixel changes by its own `T + P L`, plus `pi D` for the part of
-//! the receiver that may be visible from it.
+//! `P`, they hide at most the light `T` of the sky, and the chosen virtual light lies behind them with a
+//! probability of at most `d`. Only pieces of the sky can lie behind the objects, since no object lies between two
+//! points of the receiver. Then the radiance of any point changes by at most `D = max(B d, a ((T + P L) / pi +
+//! D'))`, where `D'` is `D` for one bounce less. The irradiance of a pixel changes by its own `T + P L`, plus `pi
+//! D` for the part of the receiver that may be visible from it.
 
 use std::f64::consts::PI;
 
@@ -26,9 +26,10 @@ use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::sky::cone::Cone;
 use crate::render::transport::sky::environment::EnvironmentLight;
 
-/// Cosine of the angle of cones that are not subdivided further.
+/// Cosine of a cone at and above which the cone is not subdivided further.
 const NARROW: f32 = 0.9;
-/// Maximum effort of the search for the directions in which the receiver is visible, in passes over the whole sky.
+/// Maximum total solid angle of the cones that are searched for directions in which the receiver is visible, as a
+/// multiple of the whole sphere.
 const PASSES: f64 = 8.0;
 
 /// Bounds of radiance, per channel.
@@ -36,8 +37,8 @@ const PASSES: f64 = 8.0;
 pub(crate) struct NearBounds {
     /// Upper bound of the radiance of any surface, with or without the objects.
     pub(crate) surfaces: [f64; 3],
-    /// Upper bound of the change of the radiance of any receiver point. `None` if objects may lie in any direction
-    /// from the point.
+    /// Upper bound of how much the objects change the radiance of any receiver point. `None` if objects may lie in
+    /// any direction from the point.
     pub(crate) change: Option<[f64; 3]>,
 }
 
@@ -79,12 +80,13 @@ impl NearBounds {
 pub(crate) struct Apart {
     /// Cone that contains the directions to the objects from all points of the receiver.
     cone: Cone,
-    /// Squared sine of the angular radius of the bounding sphere of the objects, as seen from the nearest point of
-    /// the receiver's bounding box.
+    /// Squared sine of an angle: the angular radius of the objects' bounding sphere, as seen from the nearest point
+    /// of the receiver's bounding box.
     square: f64,
 }
 
-/// Bounds for all points of the receiver. `None` if an object may touch it.
+/// Bounds of the directions to the objects that hold for all points of the receiver. `None` if an object may touch
+/// the receiver.
 pub(crate) fn apart(scene: &Scene<'_>) -> Option<Apart> {
     let ((low, high), objects) = (scene.receiver.bvh.bounds()?, scene.objects.bvh.bounds()?);
     let margin = Vec3::splat(scene.receiver.margin_within(low, high));

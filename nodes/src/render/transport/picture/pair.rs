@@ -17,7 +17,7 @@ use crate::render::transport::path::path::{Vertex, first_pair};
 use crate::render::transport::path::rays::Rays;
 use crate::render::transport::sky::light_draws::LightDraws;
 
-/// Dimension of the random number that decides coverage of blended surfaces for camera rays.
+/// Index of the pair of sample dimensions that decides the coverage of blended surfaces for camera rays.
 const BLENDED: u32 = 5 << 17;
 
 /// Adds a sample to the sums unless it is not finite. Returns whether it was added.
@@ -173,7 +173,7 @@ pub(crate) fn trace_pair(
     sums_of_tile
 }
 
-/// Traces the objects alone over some cropped pixels.
+/// Traces only the objects, over pixels for which the change of the receiver is cropped.
 fn trace_objects(
     scene: Scene<'_>,
     camera_rays: &CameraRays<'_>,
@@ -227,7 +227,7 @@ fn show(
     }
 }
 
-/// RGB of the sums of a pixel without objects.
+/// RGB sums of a pixel without objects.
 fn known(r0: &Sums, area: Area, pixel: (u32, u32)) -> [f64; 3] {
     let at = area.index(pixel) * R0;
     std::array::from_fn(|k| f64::from(r0.sums[at + k]))

@@ -43,7 +43,7 @@ impl<'a> PreparedScene<'a> {
         &self.sky
     }
 
-    /// Virtual lights for a point of capture.
+    /// Virtual lights that are visible from a point of capture.
     pub(crate) fn light_points(&self, eye: [f32; 3]) -> Result<Arc<LightPoints>, NodeError> {
         let part = Part { name: "light-points", version: 1, inputs: &["receiver", "env"] };
         let new = || Ok(LightPoints::new(&self.receiver, &self.sky, eye.into()));

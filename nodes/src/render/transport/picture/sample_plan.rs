@@ -1,10 +1,10 @@
 //! Adaptive sampling: the number of samples per block of pixels for a target error.
 //!
-//! The first chunk is traced for the whole image. Then the error of each block of pixels is estimated from its
-//! variance, and the block takes one chunk after another, in the same ranges as parts, until it reaches the target
-//! or the maximum. So the number of samples of a block depends only on the inputs and the target, and its pixels
-//! equal those of an image with as many samples everywhere, bit for bit. The tiles whose error is estimated are
-//! large compared with a pixel, so that the value of a pixel hardly affects its number of samples. A strong
+//! The first chunk is traced for the whole image. Then the error of each block of pixels is estimated from the
+//! variance in the block. The block takes one further chunk after another until it reaches the target or the
+//! maximum. So the number of samples of a block depends only on the inputs and the target, and its pixels equal,
+//! bit for bit, those of an image that takes this number of samples everywhere. The tiles whose error is estimated
+//! are large compared with a pixel, so that the value of a pixel hardly affects its number of samples. A strong
 //! dependence would bias the value.
 
 use engine::NodeError;
@@ -17,7 +17,7 @@ const BLOCK: u32 = 4;
 /// Share of the median of `without` below which receiver pixels are ignored. The default of `shadow-ratio` is the
 /// same.
 const DARK: f64 = 1e-3;
-/// Largest assumed reduction of variance by stratification.
+/// Maximum factor by which stratification is assumed to reduce the variance.
 const GAIN: f64 = 16.0;
 /// Multiple of its standard error that a ratio must exceed to be reliable. A smaller ratio may be due to a single
 /// outlier path, so its error must not be measured relative to the ratio.
@@ -32,14 +32,14 @@ pub(crate) struct ErrorGoal {
     asked: f64,
     /// Mean luminance of the objects over the pixels that they cover.
     scale: f64,
-    /// Minimum luminance of `without` for a pixel to count.
+    /// Minimum luminance that a pixel of `without` must have for its error to count.
     dark: f64,
     /// All chunks of samples that may be taken.
     chunks: Vec<(u32, u32)>,
 }
 
 impl ErrorGoal {
-    /// Creates the target for an image of which the first chunk is traced.
+    /// Creates the target for an image whose first chunk is already traced.
     pub(crate) fn new(asked: f64, most: u32, accumulator: &Accumulator) -> Self {
         Self {
             asked,
@@ -54,10 +54,10 @@ impl ErrorGoal {
     /// cover, and the error of the objects relative to their mean light. Each of the two is the root mean square
     /// over the pixels of the tile whose error is not 0.
     ///
-    /// S can be very large where objects light dark ground. If it exceeds 1, its error is divided by a lower
+    /// S can be very large where objects light dark ground. If S exceeds 1, its error is divided by a lower
     /// confidence bound of S in the pixel or its tile, so that the error of a highlight is relative to the
-    /// highlight. With one chunk, the error is computed as if samples were independent. With several, it is
-    /// computed from the spread between chunks, which has less weight for fewer pixels.
+    /// highlight. After one chunk, the error is computed as if samples were independent. After several chunks, it
+    /// is computed from the spread between chunks, which has less weight if there are fewer pixels.
     fn error(&self, accumulator: &Accumulator, area: Area, chunks: usize) -> f64 {
         let mut worst = 0.0_f64;
         for tile in area.pieces(TILE) {
@@ -110,7 +110,7 @@ impl ErrorGoal {
         if weight > 0.0 { lower_bound(sum / weight, noise / (weight * weight)) } else { 0.0 }
     }
 
-    /// Takes the samples that each block needs by calling `take`, which traces a range of samples of an area.
+    /// Traces the samples that each block needs, by calls to `take`, which traces a range of samples of an area.
     /// Reports progress as the share of finished blocks.
     pub(crate) fn reach(
         &self,

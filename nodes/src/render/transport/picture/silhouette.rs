@@ -19,12 +19,12 @@ pub(crate) struct Silhouette {
     held: Vec<bool>,
 }
 
-/// Ranges of columns and rows, both ends included.
+/// Rectangle of pixels: the range of columns and the range of rows, both ends included.
 type Rectangle = [[usize; 2]; 2];
 
 impl Silhouette {
-    /// Computes the silhouette of objects for a camera at `eye`. `axes` are its directions to the right, down and
-    /// forward, in world coordinates.
+    /// Computes the silhouette of objects for a camera at `eye`. `axes` are the directions to the right, down and
+    /// forward of the camera, in world coordinates.
     pub(crate) fn of(objects: &Objects, camera: &Camera, eye: Vec3, axes: [DVec3; 3]) -> Self {
         let size = [camera.width_px, camera.height_px].map(|n| n as usize);
         let Camera { fx, fy, cx, cy, .. } = *camera;
@@ -73,7 +73,7 @@ impl Silhouette {
     }
 
     /// Adds the pixels of a triangle or a box, given by its corners in the image. A box larger than a pixel is not
-    /// added; for such a box the result is true if its children must be examined.
+    /// added; instead, the function returns true if the children of the box must be examined.
     fn look(&mut self, corners: &[DVec2], is_box: bool) -> bool {
         let Some(pixels) = self.around(corners) else { return false };
         if self.is_known(pixels) {
@@ -112,7 +112,7 @@ impl Silhouette {
         (top..=bottom).all(|y| self.held[y * self.size[0]..][left..=right].iter().all(|held| *held))
     }
 
-    /// Columns of a row that a triangle overlaps.
+    /// Range of columns in which a triangle overlaps the given row of pixels.
     fn across(&self, corners: [DVec2; 3], row: usize) -> Option<[usize; 2]> {
         let [top, bottom] = [row as f64 - self.margin, row as f64 + 1.0 + self.margin];
         let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);

@@ -14,8 +14,8 @@ use crate::render::transport::sky::light_distribution::LightDistribution;
 /// Cosine of the angle of the widest cone of normals for which one distribution is used.
 const ALIKE: f32 = 0.99;
 
-/// Number of light samples that each sample takes to estimate the change where objects can block all light. Where
-/// they can block only a part of the light, the number is smaller in proportion. It is limited afterwards.
+/// Number of light samples that each sample takes to estimate the change, where objects can block all light. Where
+/// they can block only a part of the light, the number is reduced in proportion. The result is then limited.
 const SAMPLES_WHERE_ALL_IS_HIDDEN: f64 = 40.0;
 /// Minimum probability that a sample estimates the change.
 const LEAST_PROBABILITY: f32 = 0.5;
@@ -28,11 +28,11 @@ pub(crate) struct Sample {
     pub(crate) hit: Option<Hit>,
 }
 
-/// Samples of a tile, and the cone of their normals.
+/// Samples of a tile, and a cone that contains the normals at their hits.
 pub(crate) struct Tile<'a> {
     scene: Scene<'a>,
     pub(crate) samples: Vec<Sample>,
-    /// Cone of the normals. `None` if they are not similar.
+    /// Cone that contains the normals at all hits. `None` if the normals are not similar.
     normals: Option<Cone>,
 }
 

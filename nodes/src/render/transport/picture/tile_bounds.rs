@@ -1,4 +1,4 @@
-//! Bounds of the points of a tile of pixels and of their light without objects.
+//! Bounds for a tile of pixels: of the visible receiver points, and of their light without objects.
 
 use glam::Vec3;
 
@@ -6,7 +6,7 @@ use crate::geometry::bvh::Hit;
 use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::sky::cone::Cone;
 
-/// Bounds of the points of a tile and of their light without objects.
+/// Bounds for a tile of pixels: of the visible receiver points, and of their light without objects.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TileBounds {
     /// Lower corner of the bounding box of the ray origins. The box is inverted if the camera sees no
@@ -31,7 +31,8 @@ impl Default for TileBounds {
 }
 
 impl TileBounds {
-    /// Computes the bounds of a tile, given the sum of the light of each pixel and the hits of its samples.
+    /// Computes the bounds of a tile from the light of each pixel, summed over its samples, and from the receiver
+    /// hits of these samples.
     pub fn of<'a>(
         receiver: &Receiver,
         pixels: impl Iterator<Item = (Vec3, &'a [Option<Hit>])> + Clone,

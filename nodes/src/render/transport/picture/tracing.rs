@@ -26,7 +26,7 @@ use crate::types::Camera;
 /// A half-open range of samples.
 type Range = (u32, u32);
 
-/// Values in the key of a part in addition to its inputs.
+/// Values that the key of a part contains in addition to the inputs of the part.
 #[derive(Serialize)]
 struct Extra<'a> {
     view: View<'a>,
@@ -54,7 +54,7 @@ pub(crate) struct Settings {
     pub(crate) most: u32,
     /// Target standard error, if any.
     pub(crate) max_error: Option<f64>,
-    /// Side, in pixels, of the blocks of which only one pixel is traced.
+    /// Side, in pixels, of the square blocks into which the image is divided. One pixel of each block is traced.
     pub(crate) coarse_px: u32,
     /// Maximum relative change of light at which a tile is cropped. 0 crops nothing.
     pub(crate) crop: f64,
@@ -66,7 +66,7 @@ pub(crate) struct Settings {
     pub(crate) every_lobe: bool,
 }
 
-/// A scene to trace.
+/// A scene to trace, and the settings for tracing it.
 pub(crate) struct Tracing<'a> {
     settings: Settings,
     pub(crate) cx: &'a Context,
@@ -116,7 +116,7 @@ impl<'a> Tracing<'a> {
         CameraRays::new(camera, self.prepared.origin, self.cx.seed(), &self.objects.ground, coarse_px)
     }
 
-    /// Values in the key of a part of the receiver alone.
+    /// Values in the key of a part that contains the receiver alone.
     fn of_receiver<'s>(&'s self, camera: &'s Camera, area: Area, range: Range) -> Extra<'s> {
         Extra {
             view: View::of(camera),
@@ -133,7 +133,7 @@ impl<'a> Tracing<'a> {
         }
     }
 
-    /// Values in the key of a part with objects.
+    /// Values in the key of a part that contains the receiver with the objects.
     fn of_objects<'s>(
         &'s self,
         camera: &'s Camera,
@@ -193,7 +193,7 @@ impl<'a> Tracing<'a> {
         Ok(front)
     }
 
-    /// Number of positions in a pixel at which first hits are searched for.
+    /// Number of positions per pixel at which the nearest object is searched for.
     pub(crate) fn places(&self) -> u32 {
         self.settings.most.min(PLACES)
     }

@@ -12,9 +12,9 @@ use crate::render::transport::sky::cone::Cone;
 /// direction to the centre of the box. If the box is to one side, it is the intersection of this cone and a
 /// [`Wedge`].
 pub(crate) struct Window {
-    /// Axis of the normals.
+    /// Axis of the cone that contains the normals of the tile.
     up: DVec3,
-    /// Sine and tangent of the angle to the farthest normal.
+    /// Sine and tangent of the angle between `up` and the farthest normal.
     tilt: [f64; 2],
     /// Axis of the cone, and cosine and sine of its angle. `None` if the angle is a right angle or more.
     cone: Option<(DVec3, [f64; 2])>,
@@ -23,13 +23,13 @@ pub(crate) struct Window {
     wedge: Option<Wedge>,
 }
 
-/// Range of azimuths around the normal, from the horizon up to an elevation.
+/// Directions within a range of azimuths around the axis of normals, from the horizon up to a maximum elevation.
 struct Wedge {
     /// Axes towards the centre of the wedge and perpendicular to it.
     axes: [DVec3; 2],
     /// Tangent of half the range of azimuths.
     side: f64,
-    /// Tangent of the highest elevation.
+    /// Tangent of the maximum elevation.
     rise: f64,
 }
 
@@ -60,7 +60,7 @@ impl Window {
         any.then_some(Self { up, tilt, cone, ball, wedge })
     }
 
-    /// Upper bound of the projected solid angle of the window for any of the normals.
+    /// Upper bound of the projected solid angle of the window, for a surface with any normal of the tile.
     pub(crate) fn projected(&self) -> f64 {
         let of_cone = self.cone.map_or(PI, |(axis, [cosine, sine])| {
             // Largest if the normal is its axis; and at most the solid angle times the cosine of the smallest angle

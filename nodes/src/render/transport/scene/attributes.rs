@@ -50,7 +50,7 @@ impl SurfacePoint<'_> {
         self.corner.map(|i| uv.get(i as usize).copied().map_or(Vec2::ZERO, Vec2::from_array))
     }
 
-    /// Value of a scalar parameter times a channel of its texture.
+    /// Value of a scalar parameter, multiplied by the given channel of its texture.
     pub fn number(&self, map: &Map, channel: usize) -> f32 {
         match map.texture {
             Some(texture) => map.factor * self.texture(Some(texture), Texels::Numbers)[channel],
@@ -58,7 +58,7 @@ impl SurfacePoint<'_> {
         }
     }
 
-    /// Value of a colour parameter times its texture.
+    /// Value of a colour parameter, multiplied by its texture.
     pub fn colour(&self, map: &ColourMap) -> Vec3 {
         let [r, g, b, _] = self.texture(map.texture, Texels::Colours);
         Vec3::from_array(map.factor) * Vec3::new(r, g, b)
@@ -147,7 +147,8 @@ impl SurfacePoint<'_> {
     }
 }
 
-/// Index of the texel that the wrap mode assigns to any index.
+/// Maps `index`, which may be outside the texture, to the index of a texel, by the given wrap mode. `size` is the
+/// number of texels.
 fn wrap(index: i64, size: i64, mode: Wrap) -> usize {
     let at = match mode {
         Wrap::Clamp => index.clamp(0, size - 1),

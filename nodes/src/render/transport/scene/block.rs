@@ -96,8 +96,8 @@ mod tests {
     use super::*;
     use crate::types::Mesh;
 
-    /// Squares across the x axis at the given positions. A negative position x gives a square at -x whose back
-    /// faces the origin.
+    /// Squares perpendicular to the x axis at the given positions. A negative position x gives a square at -x whose
+    /// back faces the origin.
     fn squares(at: &[f32]) -> Receiver {
         let mut mesh = Mesh::default();
         for &x in at {

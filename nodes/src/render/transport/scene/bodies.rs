@@ -11,7 +11,7 @@ use crate::geometry::bvh::{Hit, Ray};
 use crate::geometry::sampling::{hash, unit};
 use crate::math::num;
 
-/// Number of points per surface at which the surrounding bodies are counted.
+/// Number of points per surface at which nested bodies are counted.
 const SURFACE_SAMPLES: usize = 64;
 
 /// Orders hits along a ray.
@@ -67,7 +67,7 @@ impl Objects {
         around
     }
 
-    /// Largest number of nested bodies found at sample points of their surfaces, if it exceeds `MOST`.
+    /// Maximum number of nested bodies at sample points of their surfaces. `None` if it is at most `MOST`.
     pub fn nested_too_deep(&self) -> Option<usize> {
         if self.bodies.len() <= MOST {
             return None;
@@ -101,9 +101,9 @@ impl Objects {
         crossed.dedup_by_key(|hit| of(hit));
     }
 
-    /// Transmittance of a ray that starts in `media` and crosses the surfaces of bodies, and the media at its
-    /// end, which is on the surface `end` or at distance `reach`. Each surface transmits `share`, which
-    /// depends on the media on its sides.
+    /// Transmittance of a ray that starts in `media` and crosses the surfaces of bodies. Also returns the media at
+    /// the end of the ray, which is on the surface `end` or at distance `reach`. `share` computes the transmittance
+    /// of each crossed surface from the media on its two sides.
     fn through(
         &self,
         mut media: Media,

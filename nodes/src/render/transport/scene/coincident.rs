@@ -86,9 +86,9 @@ impl Objects {
         self.bvh.any(touching.across(position, normal), lies).then_some(touching.reach)
     }
 
-    /// Offset from an object's surface at which rays to the receiver start, so that they hit the receiver
-    /// below it: along the normal, or against it if the ray came from that side. `None` if the surface does
-    /// not lie on the receiver.
+    /// Offset from an object's surface at which rays to the receiver start, so that they hit the receiver that the
+    /// surface lies on. The offset is along the normal, or against the normal if the ray started very close to the
+    /// surface. `None` if the surface does not lie on the receiver.
     pub fn bed(&self, hit: &Hit, direction: Vec3, surface: &Surface, receiver: &Receiver) -> Option<Vec3> {
         let touching = &self.touching;
         let lies = |hit: &Hit| receiver.normal(hit.triangle).dot(surface.normal).abs() > ALONG;

@@ -15,8 +15,8 @@ use crate::types::Material;
 /// footprint. It is the share of one texel in 128 by 128 texels.
 const FAINT: f32 = 1.0 / 16384.0;
 
-/// Number of lattice cells that the emissive triangles of all objects share. It may be exceeded, since a lattice
-/// may always have 32 cells per side.
+/// Total number of lattice cells for the emissive triangles of all objects. It may be exceeded, since each lattice
+/// may have 32 cells per side.
 const CELLS: usize = 1 << 17;
 
 impl Objects {
@@ -47,8 +47,8 @@ impl Objects {
         Emitters::new(&self.corners, |triangle| self.lattice(triangle, finest), emission)
     }
 
-    /// Maximum of the emission texture over a footprint; black if there is no texture.
-    /// [`emission`](Self::emission) is the mean.
+    /// Same as [`emission`](Self::emission), with the maximum of the emission texture over the footprint instead of
+    /// the mean. Black if there is no texture.
     fn peak(&self, hit: &Hit, width: f32) -> Vec3 {
         let (_, material, point) = self.point(hit);
         let [r, g, b, _] = material.base_colour;

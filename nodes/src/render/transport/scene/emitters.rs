@@ -11,7 +11,7 @@ use crate::math::color::luminance;
 /// A textured triangle is divided into a lattice, so that a small bright spot of the texture becomes a piece.
 #[derive(Debug)]
 pub struct Emitters {
-    /// Triangle and cell of each emissive piece.
+    /// Index of the triangle and index of the cell, for each emissive piece.
     pieces: Vec<(u32, u32)>,
     choice: Discrete,
     /// Sum over all pieces of area times mean luminance.
@@ -33,7 +33,7 @@ struct Lattice {
 /// Maximum number of squares per edge of a lattice in scenes with many emissive triangles.
 pub const COARSE: u32 = 32;
 
-/// Maximum number of bright cells of a fine lattice. Up to this number, each bright cell is examined at more
+/// Maximum number of bright cells of a fine lattice. If there are no more, each bright cell is examined at more
 /// points.
 const FEW: usize = 256;
 /// Number of points along each edge of a bright cell at which the cell is examined.

@@ -39,7 +39,7 @@ impl Media {
         self.depth == 0
     }
 
-    /// True if the stack differs from `those` and is at least as deep.
+    /// True if this stack differs from `those` and contains at least as many bodies.
     pub fn is_deeper(&self, those: &Self) -> bool {
         self != those && self.depth >= those.depth
     }

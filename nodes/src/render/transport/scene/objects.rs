@@ -84,7 +84,8 @@ fn columns(m: DMat3) -> [Vec3; 3] {
     [m.x_axis.as_vec3(), m.y_axis.as_vec3(), m.z_axis.as_vec3()]
 }
 
-/// Vertex indices of a triangle, reordered under a mirroring transform so that its front stays outside.
+/// Vertex indices of a triangle. If `mirrored` is true, they are reordered so that the front of the triangle stays
+/// on the outside of the object.
 fn wound([a, b, c]: [u32; 3], mirrored: bool) -> [u32; 3] {
     if mirrored { [a, c, b] } else { [a, b, c] }
 }
@@ -187,7 +188,8 @@ impl Objects {
         Ok(())
     }
 
-    /// Index of a body, which is added if it is new. Surfaces of one object with the same medium share a body.
+    /// Returns the index of a body, and adds the body if it is new. Surfaces of one object with the same medium
+    /// share a body.
     fn body(&mut self, body: Body) -> u32 {
         let at = self.bodies.iter().position(|known| *known == body).unwrap_or(self.bodies.len());
         if at == self.bodies.len() {
@@ -248,8 +250,8 @@ impl Objects {
     }
 
     /// Distance along a ray up to which a hit on the receiver counts as in front of a hit on an object. Where glass
-    /// stands on the receiver, the two coincide and the receiver is in front. Where a flat object lies on it, the
-    /// object is in front.
+    /// stands on the receiver, the two hits coincide and the receiver counts as in front. Where a flat object lies
+    /// on the receiver, the object counts as in front.
     pub fn reach(&self, hit: &Hit, direction: Vec3) -> f32 {
         let slack = self.slack(hit, direction);
         if slack > 0.0 {
@@ -263,8 +265,8 @@ impl Objects {
         hit.t + 2.0 * margin(&self.corners[hit.triangle as usize]) / slant
     }
 
-    /// Hit on another primitive at the same position as `hit`, which a transmitted ray would otherwise skip. It may
-    /// be the table on which a glass stands, or the content of the glass.
+    /// Hit on another primitive at the same position as `hit`, which a transmitted ray would otherwise miss. The
+    /// other primitive may be the table on which a glass stands, or the content of the glass.
     pub fn touching(&self, hit: &Hit, surface: &Surface, direction: Vec3, key: u32) -> Option<Hit> {
         let slant = direction.dot(surface.normal).abs().max(0.01);
         let start = surface.position + surface.normal * surface.margin;

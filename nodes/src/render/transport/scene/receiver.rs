@@ -12,9 +12,9 @@ use crate::types::Mesh;
 
 /// Albedo of a receiver without vertex colours.
 pub const GREY: f32 = 0.5;
-/// Minimum albedo of a receiver, per channel. No surface of a real scene is darker, and a black surface has no
-/// ratio. Captured meshes have black vertices where no photograph shows the surface, and saturated colours with a
-/// channel of 0. The shadow, or one of its channels, would be lost there.
+/// Minimum albedo of a receiver, per channel. No surface of a real scene is darker, and on a black surface the
+/// ratio S is undefined. Captured meshes have black vertices where no photograph shows the surface, and saturated
+/// colours with a channel of 0. The shadow, or one of its channels, would be lost there.
 pub const DARKEST: f32 = 0.01;
 
 /// Number of triangles that one job prepares.
@@ -113,7 +113,7 @@ impl Receiver {
         Ok(Self { bvh, faces, colours, clamped, raised })
     }
 
-    /// Memory in bytes.
+    /// Memory use in bytes.
     pub fn bytes(&self) -> u64 {
         self.bvh.bytes() + (size_of_val(&*self.faces) + size_of_val(&*self.colours)) as u64
     }
@@ -124,7 +124,7 @@ impl Receiver {
         most.unwrap_or(if self.faces.is_empty() { Vec3::ZERO } else { Vec3::splat(GREY) })
     }
 
-    /// Largest ray offset of the triangles that reach into a box.
+    /// Largest ray offset of all triangles that overlap a box.
     pub fn margin_within(&self, low: Vec3, high: Vec3) -> f32 {
         let reaches = |face: &&Face| {
             let [a, b, c] = face.corners;

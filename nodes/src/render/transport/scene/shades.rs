@@ -36,7 +36,8 @@ impl Shades {
         Self(boxes)
     }
 
-    /// Rays from a point to the box that subtends the largest cone. Boxes that contain the point are ignored.
+    /// Sampling of rays from a point to the box that subtends the largest cone. Boxes that contain the point are
+    /// ignored.
     pub(crate) fn towards(&self, place: Vec3) -> Towards {
         let seen = self.0.iter().map(|around| Cone::between([place; 2], [around.low, around.high]));
         // The first one if several are equal.

@@ -28,7 +28,7 @@ const MOST: usize = 1 << 17;
 /// Position of a corner relative to the origin, and its colour.
 pub type Corner = (DVec3, Vec3);
 
-/// Minimum and maximum distance of the triangles of a mesh from the origin, and their number.
+/// Minimum and maximum distance from the origin to the triangles of a mesh, and the number of triangles.
 #[derive(Debug, Clone, Copy)]
 pub struct Extent {
     near: f64,
@@ -43,7 +43,7 @@ pub struct Subdivision {
     room: usize,
 }
 
-/// Distance of the origin from a segment. Swapping the ends of the segment does not change a bit of the result.
+/// Distance from the origin to a segment. Swapping the ends of the segment does not change a bit of the result.
 fn distance_to_segment(a: DVec3, b: DVec3) -> f64 {
     // Otherwise rounding would depend on the winding.
     let (a, b) = if a.to_array() <= b.to_array() { (a, b) } else { (b, a) };
@@ -53,7 +53,7 @@ fn distance_to_segment(a: DVec3, b: DVec3) -> f64 {
     (a + way * along).length()
 }
 
-/// Distance of the origin from a triangle.
+/// Distance from the origin to a triangle.
 fn distance_to_triangle([a, b, c]: [DVec3; 3]) -> f64 {
     let normal = (b - a).cross(c - a);
     let over = [(a, b), (b, c), (c, a)].iter().all(|(p, q)| p.cross(*q).dot(normal) > 0.0);
@@ -82,7 +82,7 @@ impl Extent {
         Self { near, far, count }
     }
 
-    /// Extent of the triangles of both.
+    /// Combines the extents of two sets of triangles.
     pub fn with(self, other: Self) -> Self {
         let (near, far) = (self.near.min(other.near), self.far.max(other.far));
         Self { near, far, count: self.count + other.count }

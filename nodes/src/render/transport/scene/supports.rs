@@ -17,8 +17,8 @@ pub struct Support {
     pub(crate) high: Vec3,
     /// Height of the side along `out`, in the frame of the scene.
     pub(crate) height: f32,
-    /// Error of the mesh, in world units. Hits within this height are moved fully, and hits up to twice as
-    /// far away partially. 0 for a smooth mesh.
+    /// Error of the mesh, in world units. A hit within this distance of `height` is moved fully onto the side, and
+    /// a hit up to twice as far away is moved partially. 0 for a smooth mesh.
     pub(crate) reach: f32,
     /// Height within which hits belong to this support rather than to the support of another object, if this
     /// support is the nearest one.

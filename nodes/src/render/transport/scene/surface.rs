@@ -48,7 +48,7 @@ impl Surface {
         }
     }
 
-    /// Point for which near light is sampled.
+    /// Position from which near light is sampled. It is offset if the surface lies on the receiver.
     #[inline]
     pub fn looks_from(&self) -> Vec3 {
         self.position + self.bed.unwrap_or_default()

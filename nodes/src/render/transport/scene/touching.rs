@@ -40,7 +40,7 @@ impl Touching {
         self.triangles.get(triangle as usize).is_some_and(|holds| *holds)
     }
 
-    /// Ray across a point where surfaces may coincide.
+    /// Short ray along the negative normal, through a point at which surfaces may coincide.
     pub(crate) fn across(&self, position: Vec3, normal: Vec3) -> Ray {
         Ray { t_max: 2.0 * self.reach, ..Ray::new(position + normal * self.reach, -normal) }
     }

@@ -28,7 +28,8 @@ pub struct CellGrid {
     pub columns: usize,
     /// Two values for each cell: luminance times solid angle, and the solid angle.
     powers: Vec<[f64; 2]>,
-    /// Directions of groups of cells of a row. The last group of a row may have empty lanes.
+    /// Directions of the cells, in groups of [`LANES`] cells of the same row. The last group of a row may have
+    /// empty lanes.
     directions: Vec<Directions>,
 }
 
@@ -41,7 +42,7 @@ struct Directions {
     towards: [Vec4; 3],
 }
 
-/// Dot products with an axis.
+/// Dot products of several vectors, one per lane, with an axis.
 fn dot([x, y, z]: [Vec4; 3], axis: Vec3) -> Vec4 {
     x * axis.x + y * axis.y + z * axis.z
 }
@@ -60,8 +61,8 @@ impl Directions {
     }
 
     /// For each cell, the share of the power of the cell that reaches a surface whose normal is the axis of
-    /// `normals`, or half of an upper bound of this share over all normals in the cone, if this is larger. `sine`
-    /// is the sine of the cone's angle.
+    /// `normals`. Half of an upper bound of this share over all normals in the cone is returned instead if it is
+    /// larger. `sine` is the sine of the cone's angle.
     #[inline]
     fn shares(&self, normals: &Cone, sine: f32) -> Vec4 {
         let cosine = normals.cosine;
@@ -100,9 +101,9 @@ impl CellGrid {
         self.powers.iter().map(|[power, _]| power).sum()
     }
 
-    /// Writes the contribution of each cell of a row to surfaces whose normals lie in the cone `normals`. `None`
-    /// means surfaces that are lit from all sides. Cells that do not meet the cone of directions `to` contribute 0.
-    /// Returns the solid angle of the contributing cells.
+    /// Writes to `weights` the contribution of each cell of a row to surfaces whose normals lie in the cone
+    /// `normals`. `None` means surfaces that are lit from all sides. Cells that do not overlap the cone of
+    /// directions `to` contribute 0. Returns the solid angle of the contributing cells.
     pub fn weigh(&self, row: usize, normals: Option<&Cone>, to: &Cone, weights: &mut [f64]) -> f64 {
         let each = self.columns.div_ceil(LANES);
         let directions = &self.directions[row * each..][..each];
@@ -156,7 +157,7 @@ mod tests {
         cell.power * f64::from(share)
     }
 
-    /// Weights computed for a whole row equal, bit for bit, the weights computed for its single cells.
+    /// Weights computed for a whole row equal, bit for bit, the weights computed cell by cell.
     #[test]
     fn rows_are_weighed_as_their_cells_are() {
         for columns in [1, 5, 16, 70] {

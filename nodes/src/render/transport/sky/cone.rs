@@ -44,7 +44,7 @@ impl Cone {
         if cosine > 1e-3 { Self { axis, cosine: cosine - 1e-5 } } else { Self::ALL }
     }
 
-    /// True if two cones share a direction. It may be true for cones that barely miss each other.
+    /// True if two cones share a direction. The result may also be true for cones that barely miss each other.
     /// [`CellGrid`] tests many cones at once.
     #[cfg(test)]
     pub fn meets(&self, other: &Self) -> bool {

@@ -7,8 +7,9 @@
 
 use glam::{DMat3, DVec3};
 
-/// Upper bound of the irradiance. The arguments are integrals over the sphere of directions: of the radiance, of
-/// the radiance times the direction, and of the radiance times the products of two components of the direction.
+/// Upper bound of the irradiance. The arguments are integrals over the sphere of directions: `power` of the
+/// radiance, `towards` of the radiance times the direction, and `squares` of the radiance times the outer product
+/// of the direction with itself.
 pub fn greatest_irradiance(power: f64, towards: DVec3, squares: DMat3) -> f64 {
     let trace = squares.x_axis.x + squares.y_axis.y + squares.z_axis.z;
     if trace <= 0.0 {

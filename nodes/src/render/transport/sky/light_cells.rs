@@ -19,7 +19,7 @@ pub struct LightCells {
     height: usize,
     /// Cells from which distributions choose.
     pub grid: CellGrid,
-    /// Distributions by bins of normals.
+    /// Distributions over the cells, one for each bin of normals.
     distributions: LightTable,
     /// First texel column of each cell column, followed by the end of the last cell column.
     columns: Vec<usize>,
@@ -32,7 +32,7 @@ pub struct LightCells {
     across: Vec<f32>,
 }
 
-/// f32 values per cache line.
+/// Number of f32 values per cache line.
 const LINE: usize = 16;
 
 /// First half of the choice of a texel: a cell and a texel row of the cell.
@@ -67,8 +67,8 @@ fn cut(weights: &[f64], pieces: usize) -> Vec<usize> {
 }
 
 impl LightCells {
-    /// Divides weights into at most `most` columns and rows of cells. `pdf` is called with the index of each texel
-    /// and its density within its cell.
+    /// Divides the texels of a tier into at most `most` columns and rows of cells, by their weights. `pdf` is
+    /// called with the index of each texel and its density within its cell.
     pub fn new(
         texel_grid: &TexelGrid,
         weights: Vec<f32>,

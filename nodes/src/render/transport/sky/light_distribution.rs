@@ -22,10 +22,10 @@ const ANY: usize = SIDE * SIDE;
 
 /// Number of entries that are compared at once.
 const LANES: usize = 8;
-/// Number of entries up to which a line is scanned linearly. Longer lines are bisected first.
+/// Maximum number of entries of a list that is scanned linearly. Longer lists are bisected first.
 const SCANNED: usize = 32;
 
-/// Pads a line of cumulative probabilities for [`invert`], which may read a whole SIMD vector that starts at any
+/// Pads a list of cumulative probabilities for [`invert`], which may read a whole SIMD vector that starts at any
 /// entry.
 pub fn pad(cumulative: &mut Vec<f32>) {
     cumulative.extend([f32::INFINITY; LANES]);
@@ -61,8 +61,8 @@ pub fn invert<S: Simd>(simd: S, cumulative: &[f32], length: usize, u: f64) -> (u
     (index, within.clamp(0.0, 1.0 - f64::EPSILON))
 }
 
-/// Writes the cumulative probabilities that belong to weights. If all weights are 0, the probabilities are uniform.
-/// Returns the sum of the weights.
+/// Writes the cumulative probabilities of entries with the given weights to `out`. If all weights are 0, the
+/// probabilities are uniform. Returns the sum of the weights.
 pub fn accumulate(weights: &[f64], out: &mut [f64]) -> f64 {
     let mut sum = 0.0;
     for (to, weight) in out.iter_mut().zip(weights) {
@@ -118,19 +118,19 @@ pub struct LightDistribution {
     /// Cumulative probabilities of the rows, followed by the cumulative probabilities of the columns of each row.
     /// Each list is padded to whole vectors.
     cumulative: Vec<f32>,
-    /// Offset of the list of columns of the first row.
+    /// Index in `cumulative` at which the list of columns of the first row starts.
     starts: usize,
-    /// Distance between the lists of columns of two rows.
+    /// Number of entries between the starts of the lists of two consecutive rows.
     stride: usize,
-    /// Expected light; if 0, all cells are equally likely.
+    /// Sum of the weights of all cells. If it is 0, all cells are equally likely.
     pub power: f64,
-    /// Solid angle of the cells with expected light.
+    /// Solid angle of the cells whose weight is above 0.
     pub area: f64,
 }
 
 impl LightDistribution {
-    /// Computes the distribution for surfaces whose normals lie in the cone `normals`, over the cells that meet the
-    /// cone of directions `to`. `None` means surfaces that are lit from all sides.
+    /// Computes the distribution for surfaces whose normals lie in the cone `normals`, over the cells that overlap
+    /// the cone of directions `to`. `None` means surfaces that are lit from all sides.
     pub fn new(grid: &CellGrid, normals: Option<Cone>, to: &Cone) -> Self {
         let (rows, columns) = (grid.rows(), grid.columns);
         let [starts, stride] = [rows, columns].map(|length| length.next_multiple_of(LANES));
@@ -185,7 +185,8 @@ impl LightTable {
         Self((0..=ANY).map(|_| OnceLock::new()).collect())
     }
 
-    /// Distribution over the cells of a grid for a unit normal. The grid must be the same in all calls.
+    /// Distribution over the cells of a grid, for surfaces with the given unit normal. The grid must be the same in
+    /// all calls.
     #[inline]
     pub fn of(&self, grid: &CellGrid, normal: Option<Vec3>) -> &LightDistribution {
         let at = bin(normal);

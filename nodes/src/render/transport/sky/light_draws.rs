@@ -24,7 +24,8 @@ pub struct Wanted<'a> {
     pair: u32,
 }
 
-/// Light samples to be drawn for a vertex, `lights` per tier. A tier without light gets no samples.
+/// Light samples to be drawn for a vertex. `lights` contains the number of samples in each tier. A tier without
+/// light gets no samples.
 pub fn wanted(
     distributions: Distributions<'_>,
     lights: [u32; TIERS],
@@ -36,7 +37,7 @@ pub fn wanted(
 }
 
 impl<'a> Wanted<'a> {
-    /// The samples of one tier.
+    /// The `count` light samples that are to be drawn in one tier.
     fn each(
         (tier, distribution): (usize, &'a LightDistribution),
         count: u32,
@@ -100,8 +101,8 @@ pub struct LightDraws<'a, V> {
 const TOGETHER: usize = 32;
 
 impl<'a, V: Iterator<Item = Option<(Points, Distributions<'a>)>>> LightDraws<'a, V> {
-    /// Creates the light samples of `vertices`, `lights` per tier. They use the pair of sample dimensions with
-    /// index `pair`, offset for each tier.
+    /// Creates the light samples of `vertices`. `lights` contains the number of samples in each tier. The samples
+    /// use the pair of sample dimensions with index `pair`, offset for each tier.
     pub fn new(sky: &'a EnvironmentLight, lights: [u32; TIERS], pair: u32, vertices: V) -> Self {
         let (wanted, draws, ends) = (Vec::new(), Vec::new(), Vec::new());
         Self { sky, lights, pair, vertices, wanted, draws, ends, asked: 0 }
@@ -149,7 +150,7 @@ mod tests {
     use crate::geometry::sampling::{mix, stream, unit};
     use crate::types::{Environment, Image};
 
-    /// Sky of noise with a few lamps.
+    /// Sky of random radiance with a few lamps.
     fn sky() -> EnvironmentLight {
         let (width, height) = (256, 96);
         let lamp = |i: usize| if mix(i as u32 / 3).is_multiple_of(997) { 3e3 } else { unit(mix(i as u32)) };

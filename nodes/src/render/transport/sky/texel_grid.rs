@@ -25,7 +25,7 @@ pub struct TexelGrid {
 }
 
 impl TexelGrid {
-    /// Texels of a panorama of the given size.
+    /// Creates the grid for a panorama of the given size.
     pub fn new(width: usize, height: usize, up: Up) -> Self {
         let azimuth = |x: usize| 2.0 * PI * (x as f64 / width as f64 - 0.5);
         let mut cosines: Vec<f64> =
@@ -46,7 +46,7 @@ impl TexelGrid {
         self.axes[0] * x + self.axes[1] * y + self.axes[2] * z
     }
 
-    /// The direction of a texel corner.
+    /// Direction of the upper left corner of the texel in column `x` and row `y`.
     pub fn corner(&self, x: usize, y: usize) -> Vec3 {
         let radius = (1.0 - self.cosines[y] * self.cosines[y]).max(0.0).sqrt();
         self.to_world([self.edges[x].0 * radius, self.edges[x].1 * radius, self.cosines[y]])
@@ -109,7 +109,8 @@ impl TexelGrid {
         (self.column(x, y), self.row(z, (x * x + y * y).sqrt()))
     }
 
-    /// Row of a direction, estimated by an approximate angle and corrected by the exact edges.
+    /// Row of the texel that contains a direction. It is estimated from an approximate angle and corrected with the
+    /// exact edges.
     fn row(&self, above: f64, radius: f64) -> usize {
         let turns = approximate_turns(radius, above) * 2.0;
         let mut row = ((turns * self.height as f64) as usize).min(self.height - 1);
@@ -122,7 +123,8 @@ impl TexelGrid {
         row
     }
 
-    /// Column of a direction, estimated by an approximate angle and corrected by the exact edges.
+    /// Column of the texel that contains a direction. It is estimated from an approximate angle and corrected with
+    /// the exact edges.
     fn column(&self, x: f64, y: f64) -> usize {
         let turns = approximate_turns(x, y) + 0.5;
         let column = ((turns * self.width as f64) as usize).min(self.width - 1);

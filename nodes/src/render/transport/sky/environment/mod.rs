@@ -67,7 +67,7 @@ pub struct EnvironmentLight {
 pub type Distributions<'a> = [&'a LightDistribution; TIERS];
 
 impl EnvironmentLight {
-    /// Approximate memory in bytes: texels and their probabilities.
+    /// Approximate memory use in bytes, for the texels and their probabilities.
     pub fn bytes(&self) -> u64 {
         2 * size_of_val(&*self.texels) as u64
     }
@@ -226,7 +226,7 @@ impl EnvironmentLight {
         })
     }
 
-    /// Completes the choice of a texel. The tier takes `number` light samples.
+    /// Completes the choice of a texel that [`LightCells::row`] began. The tier takes `number` light samples.
     #[inline(always)]
     pub(crate) fn found<S: Simd>(
         &self,
@@ -270,13 +270,14 @@ impl EnvironmentLight {
         Some(self.eval_defensive(normal, self.sample_one(aimed, [a, b])?.direction))
     }
 
-    /// Light from a unit direction, and the density of [`sample_defensive`](Self::sample_defensive).
+    /// Light from a unit direction, with the density with which [`sample_defensive`](Self::sample_defensive)
+    /// samples it.
     pub fn eval_defensive(&self, normal: Option<Vec3>, direction: Vec3) -> LightSample {
         let (aimed, any) = (self.eval_one(normal, direction), self.eval_one(None, direction));
         LightSample { pdf: 0.75 * aimed.pdf + 0.25 * any.pdf, ..aimed }
     }
 
-    /// Light from a unit direction, and the density of [`sample_one`](Self::sample_one).
+    /// Light from a unit direction, with the density with which [`sample_one`](Self::sample_one) samples it.
     pub fn eval_one(&self, normal: Option<Vec3>, direction: Vec3) -> LightSample {
         let distributions = self.distributions(normal);
         self.eval(distributions, self.numbers(distributions, None), direction)
@@ -329,7 +330,7 @@ impl EnvironmentLight {
         upper * (1.0 - dv) + lower * dv
     }
 
-    /// Light from a unit direction, and the density of sampling it.
+    /// Light from a unit direction, with the density with which light samples choose it.
     #[inline]
     pub fn eval(
         &self,
