@@ -99,3 +99,14 @@ fn converting_makes_no_folder_and_no_empty_scene() {
     let (code, text) = printed(&place.call(&["convert", "large.ply", "large.spz", "--up", "+z"]));
     assert!(code == Some(0) && text.contains("warning 2100 of 2700 axes are outside"), "{text}");
 }
+
+/// A picture of a few bytes that claims 400 million pixels is refused from its header. This test fails if
+/// `check_memory` counts only the length of the file.
+#[test]
+fn a_picture_that_claims_more_than_the_memory_is_refused() {
+    let place = Place::new("Graph(version: 1, nodes: ())");
+    let header = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 20000 +X 20000\n";
+    std::fs::write(place.path("large.hdr"), header).unwrap();
+    let (code, text) = printed(&place.call(&["inspect", "large.hdr", "--memory", "50M"]));
+    assert!(code == Some(1) && text.contains("of memory, but the budget is"), "{text}");
+}
