@@ -1,4 +1,4 @@
-//! Range of the colours of points, that is, the value of white, which files do not specify.
+//! The value of white in the colours of points, which files do not specify.
 
 use super::ply::Scalar;
 
@@ -20,7 +20,8 @@ const SLACK: f64 = 1.5;
 const BYTE: f64 = 255.5;
 
 impl Range {
-    /// The range of colours of a type. For integers of 8 and 16 bits, white is the largest number of the type.
+    /// The range of colours stored as `scalar`. For integers of 8 and 16 bits, white is the largest number of the
+    /// type.
     /// Integers of 32 bits are assumed to hold 8-bit codes, since some programs write all integers with one type.
     /// For floats, white is 1, or 255 if at least a hundredth of the numbers exceed 1.5 and none exceeds 255.5.
     pub fn of<I: Iterator<Item = f64>>(scalar: Scalar, numbers: impl FnOnce() -> I) -> Self {

@@ -294,7 +294,7 @@ struct Rows<'a> {
     opened: &'a Opened<'a>,
     /// Index in the result of the first sample of each channel; `None` for channels that are not read.
     starts: Vec<Option<usize>>,
-    /// Distance in the result between the samples of neighbouring pixels.
+    /// Distance in the result between the samples of one channel in neighbouring pixels.
     stride: usize,
 }
 
@@ -402,7 +402,7 @@ const BATCH: usize = 16;
 const HALF_MAX: f32 = 65_504.0;
 
 /// Writes one part. `encoding` and `recipe` become the attributes `lightharmony:encoding` and `comments`. Returns
-/// the bytes and the number of values that exceed a 16-bit float.
+/// the bytes and the number of values beyond the range of 16-bit floats.
 pub fn write(
     width: usize,
     height: usize,
@@ -673,8 +673,8 @@ mod tests {
         assert_eq!(read("a.exr", &none).map(|read| read.part).expect("reads"), "id");
     }
 
-    /// Data windows that equal, cross or miss the display window, or lie within it, are read as planes and as
-    /// pixels of some channels.
+    /// Tests data windows that equal, partly overlap, miss or lie inside the display window, read both as separate
+    /// planes and as interleaved pixels of selected channels.
     #[test]
     fn a_cropped_data_window_lands_in_its_place() {
         let file = |position: (i32, i32), window: (usize, usize)| {

@@ -7,7 +7,7 @@ use crate::error::Error;
 /// Number of bytes at the start of a file that are searched. Metadata is stored before the picture.
 pub const HEAD: usize = 1 << 20;
 
-/// Maximum length of the metadata in bytes: that of a JPEG segment, in which it is stored.
+/// Maximum length of the metadata in bytes, which is the maximum length of the JPEG segment that contains it.
 const PACKET: usize = 1 << 16;
 
 /// Maximum number of pixels of a whole sphere.

@@ -197,8 +197,9 @@ fn scanline(rest: &mut &[u8], scan: &mut [[u8; 4]]) -> Option<()> {
     Some(())
 }
 
-/// Reads a scanline of plain texels, or of the older run-length code: a texel (1, 1, 1, n) repeats the previous one
-/// n times, and several such texels in a row are the bytes of one number.
+/// Reads a scanline of plain texels, or of the older run-length code, in which a texel (1, 1, 1, n) repeats the
+/// previous texel n times. If several such texels follow each other, their n are the bytes of one number, least
+/// significant byte first.
 fn flat_scanline(rest: &mut &[u8], scan: &mut [[u8; 4]]) -> Option<()> {
     let (mut x, mut shift) = (0, 0);
     while x < scan.len() {

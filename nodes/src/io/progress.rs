@@ -13,7 +13,8 @@ use crate::error::Error;
 /// Number of compressed bytes between two checks. Deflate expands them to at most 4 MB, which takes about 20 ms.
 const STEP: usize = 4096;
 
-/// Number of samples converted between two checks: whole pixels of 1 to 4 channels.
+/// Number of samples converted between two checks. It is a multiple of 12, so that a piece contains only whole
+/// pixels if there are 1 to 4 channels.
 const PIECE: usize = 12 << 16;
 
 /// A range of a node's progress.

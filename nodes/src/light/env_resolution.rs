@@ -109,8 +109,9 @@ pub(crate) fn smoothest(object: &Object, material: &Material) -> Option<f64> {
     [base, coat].into_iter().flatten().filter(|_| !material.unlit).reduce(f64::min)
 }
 
-/// The width, in radians, of a disc as large as the smallest light that counts; `None` if there are no lights. The
-/// size of a light is the solid angle `(int L)^2 / int L^2`, so that an aureole hardly increases the size of a sun.
+/// The width, in radians, of a disc with the solid angle of the smallest light that counts; `None` if there are no
+/// lights. The solid angle of a light is taken as `(int L)^2 / int L^2`, so that an aureole hardly increases the
+/// size of a sun.
 fn smallest_light(environment: &Environment) -> Option<f64> {
     let image = &environment.image;
     let (width, height) = (image.width, image.height);

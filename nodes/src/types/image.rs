@@ -99,7 +99,7 @@ impl<E: Encoding> Image<E> {
     }
 }
 
-/// An image of any encoding, for ports that accept each of them.
+/// An image of any encoding, for ports that accept all encodings.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Picture {
     /// Linear light.
@@ -130,7 +130,7 @@ impl Picture {
         }
     }
 
-    /// (columns, rows, samples per pixel).
+    /// The size as (columns, rows, samples per pixel).
     pub fn size(&self) -> (usize, usize, usize) {
         each_picture!(self, image => (image.width, image.height, image.channels))
     }

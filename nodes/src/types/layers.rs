@@ -44,7 +44,7 @@ pub fn coloured(picture: &Picture) -> Cow<'_, Picture> {
     Cow::Owned(colour.into())
 }
 
-/// The premultiplied linear light of a premultiplied display-encoded channel; 0 where alpha is 0.
+/// The premultiplied linear light of a premultiplied, display-encoded sample; 0 if `alpha` is 0.
 pub fn decoded(encoded: f32, alpha: f32) -> f32 {
     if alpha > 0.0 { linear_from_srgb(encoded / alpha) * alpha } else { 0.0 }
 }

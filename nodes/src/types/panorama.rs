@@ -17,7 +17,7 @@ pub struct Panorama {
     pub alpha: Image<Data>,
     /// The axis of the world that points up; determines the direction of every pixel.
     pub up: Up,
-    /// Point where it was taken, in world units, if known.
+    /// Point from which the panorama was taken, in world units, if known.
     pub origin: Option<DVec3>,
     /// Rotation about the up axis that was applied when the panorama was loaded, in degrees, counter-clockwise seen
     /// from above. Other photographs of the same place need the same rotation.
@@ -48,7 +48,7 @@ pub struct Brackets {
     pub exposures: Vec<Image<Srgb>>,
     /// Source of the exposures.
     pub taken: Taken,
-    /// The method that was used, and each region that it found.
+    /// Report with the method that was used and the regions that it found.
     pub report: Report,
 }
 

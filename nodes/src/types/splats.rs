@@ -9,7 +9,7 @@ use super::rig::{Camera, Rig};
 /// Encoding in which the colours of splats were trained and are blended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SplatEncoding {
-    /// Display values, similar to sRGB. Nearly every capture has them.
+    /// Display values, similar to sRGB. Nearly all captures use this encoding.
     Srgb,
     /// Linear light, if the file specifies it.
     Linear,
@@ -161,7 +161,7 @@ pub struct View {
     pub depth: Image<Data>,
 }
 
-/// Views from each camera of a rig. Port type `views`.
+/// Views of a splat scene, one per camera of a rig. Port type `views`.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Views(pub Vec<View>);
 

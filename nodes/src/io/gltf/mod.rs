@@ -20,7 +20,7 @@ use container::split;
 pub use accessor::Numbers;
 pub use container::{json_in, json_of};
 
-/// Parts of a file to read.
+/// The parts of a file that are read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Want {
     /// Shapes only.
@@ -227,7 +227,7 @@ impl File {
         Error::format(&self.name, what)
     }
 
-    /// The other files that the buffers and, if requested, the pictures refer to; each once, in order.
+    /// Paths of the other files that the buffers and, if requested, the pictures refer to; each once, sorted.
     pub fn beside(&self, want: Want) -> Result<Vec<String>, Error> {
         let lists: &[&str] = if want == Want::Geometry { &["buffers"] } else { &["buffers", "images"] };
         let mut paths = BTreeSet::new();

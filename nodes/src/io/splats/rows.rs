@@ -30,7 +30,7 @@ impl RowFault {
         Self::NoSuchEntry,
     ];
 
-    /// Stable id of the note that counts it.
+    /// Stable id of the note that reports the number of rows with this fault.
     pub fn id(self) -> &'static str {
         match self {
             Self::NotFinite => "not-finite",

@@ -12,7 +12,7 @@ use super::{ksplat, splat, spz, usda};
 use crate::error::Error;
 use crate::io::foreign::{BYTE_ORDER_MARK, json_text, refuse_foreign};
 
-/// File extensions of splats.
+/// Extensions of files that may contain splats.
 const ENDINGS: [&str; 8] = [".ply", ".spz", ".sog", ".json", ".glb", ".gltf", ".ksplat", ".splat"];
 
 /// A format of splats.

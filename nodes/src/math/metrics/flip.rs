@@ -1,5 +1,5 @@
 //! FLIP, the difference that a viewer sees when two pictures alternate (Andersson et al. 2020), and its form for
-//! scene-referred light, HDR-FLIP (Andersson et al. 2021). The papers call the two LDR-FLIP and HDR-FLIP.
+//! scene-referred light, HDR-FLIP (Andersson et al. 2021). The papers call the former LDR-FLIP.
 
 use engine::{Context, NodeError};
 
@@ -259,7 +259,7 @@ fn separable(
     Ok(columns.concat())
 }
 
-/// The filters for a number of pixels per degree, as one-dimensional factors.
+/// The filters for a given number of pixels per degree. Each is separable and stored as one-dimensional kernels.
 struct Kernels {
     /// Filters for the contrast sensitivity to lightness, red-green and blue-yellow. Each is a sum of Gaussians,
     /// given as weights and kernels.
