@@ -227,7 +227,7 @@ impl Diff {
                 equal = false;
                 for (path, why) in [(&self.a, a.err()), (&self.b, b.err())] {
                     if let Some(why) = why {
-                        text.push_str(&format!("pictures: {} cannot be read: {why}\n", path.display()));
+                        text.push_str(&format!("the picture `{}` cannot be read ({why})\n", path.display()));
                     }
                 }
             }

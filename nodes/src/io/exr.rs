@@ -160,7 +160,7 @@ pub fn open<'a>(file: &'a str, bytes: &'a [u8], layer: &str) -> Result<Opened<'a
         return Err(Error::unsupported(file, "deep data"));
     };
     if matches!(header.compression, Compression::HTJ2K32 | Compression::HTJ2K256) {
-        return Err(Error::unsupported(file, "HTJ2K compression; save it with ZIP or PIZ"));
+        return Err(Error::unsupported(file, "HTJ2K compression; save the picture with ZIP or PIZ"));
     }
     // The largest compression ratio found in a valid file is that of a black picture with PIZ compression.
     for header in &meta.headers {
@@ -429,7 +429,7 @@ pub fn write_for(
         .into_iter()
         .map(|(Channel { name, samples }, depth)| {
             let name = Text::new_or_none(&name)
-                .ok_or_else(|| Error::Mismatch(format!("`{name}` cannot name an EXR channel")))?;
+                .ok_or_else(|| Error::Mismatch(format!("`{name}` cannot be the name of an EXR channel")))?;
             let samples = match depth {
                 Depth::Float => FlatSamples::F32(samples),
                 Depth::Half => {

@@ -72,7 +72,7 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Radi
             .iter()
             .take(65_536)
             .position(|&b| b == b'\n')
-            .ok_or_else(|| bad("a line of the header has no end"))?;
+            .ok_or_else(|| bad("the file ends within a line of the header"))?;
         let text = String::from_utf8_lossy(&rest[..end]).trim_end().to_owned();
         *rest = &rest[end + 1..];
         Ok(text)
@@ -176,7 +176,7 @@ fn scanline(rest: &mut &[u8], scan: &mut [[u8; 4]]) -> Option<()> {
         return None;
     }
     *rest = tail;
-    #[allow(clippy::needless_range_loop, reason = "a channel runs across the texels of the row")]
+    #[allow(clippy::needless_range_loop, reason = "`channel` indexes every texel of the row")]
     for channel in 0..4 {
         let mut x = 0;
         while x < width {

@@ -67,12 +67,15 @@ impl EnvResolution {
         if 2 * self.columns > there {
             return;
         }
-        let text =
-            format!("the environment has {there} columns, and {} are enough: {}", self.columns, self.why());
+        let text = format!(
+            "the environment has {there} columns, but {} are enough, since {}",
+            self.columns,
+            self.why()
+        );
         notes.decision(
             "finer-than-needed",
             format!(
-                "{text}; make a smaller panorama with `fit-probe` or `width_px`: it looks the same and is faster"
+                "{text}. A smaller panorama, made with `fit-probe` or `width_px`, gives a picture that looks the same in less time"
             ),
         );
     }
@@ -87,7 +90,7 @@ impl EnvResolution {
             Some(width) => format!("the smallest light is {width:.1} degrees wide"),
             None => "there is no small light".to_owned(),
         };
-        format!("{surface}, {light}")
+        format!("{surface} and {light}")
     }
 }
 

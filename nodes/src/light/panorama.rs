@@ -120,7 +120,7 @@ pub(crate) fn check_width(width_px: u32) -> Result<(), NodeError> {
         return Ok(());
     }
     Err(NodeError::new(format!(
-        "a panorama with an odd width of {width_px} px has no whole height, which is half its width"
+        "the width of the panorama, {width_px} px, is odd; its height must be half of its width"
     ))
     .at("width_px")
     .hint("use an even number"))

@@ -265,7 +265,7 @@ pub(crate) fn samples_difference(
 ) -> Difference {
     if size != other_size {
         return Difference::of(format!(
-            "{name}: {}x{}x{} and {}x{}x{}",
+            "{name}: {}x{}x{} samples compared with {}x{}x{}",
             size.0, size.1, size.2, other_size.0, other_size.1, other_size.2
         ));
     }

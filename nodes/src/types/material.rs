@@ -451,7 +451,7 @@ impl Fields for Read<'_, '_> {
     fn texture_index(&mut self, v: &mut TextureRef) -> Result<(), Corrupt> {
         (v.texture, v.uv_set) = (self.from.u32()?, self.from.u32()?);
         if v.texture as usize >= self.textures || v.uv_set > 1 {
-            return Err(Corrupt(format!("a material refers to texture {} of {}", v.texture, self.textures)));
+            return Err(Corrupt(format!("a material refers to texture {}, which does not exist", v.texture)));
         }
         Ok(())
     }

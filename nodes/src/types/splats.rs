@@ -185,9 +185,11 @@ impl Artifact for Views {
             let [colour, depth]: [NamedImage; 2] = Images::decode(from)?
                 .0
                 .try_into()
-                .map_err(|_| Corrupt("a view does not have two images".to_owned()))?;
+                .map_err(|_| Corrupt("a view must consist of two pictures, colour and depth".to_owned()))?;
             let Picture::Data(depth) = depth.picture else {
-                return Err(Corrupt("the depth of a view is not data".to_owned()));
+                return Err(Corrupt(
+                    "the depth of a view is stored as colours instead of as plain numbers".to_owned(),
+                ));
             };
             views.push(View { camera, colour: colour.picture, depth });
         }

@@ -191,7 +191,7 @@ pub(super) fn of_panorama(file: &Path, bytes: &[u8]) -> Result<Drawn, NodeError>
     );
     let _ = writeln!(
         lines,
-        "{:>14}  {:.3}, {azimuth:.1} degrees right of forward, {rise:.1} above the horizon; 95 % of the pixels are below {white:.3}",
+        "{:>14}  {:.3}, {azimuth:.1} degrees right of forward, {rise:.1} degrees above the horizon; 95 % of the pixels are below {white:.3}",
         "brightest", peak.1
     );
     Ok((canvas.png()?, lines))

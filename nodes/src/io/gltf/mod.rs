@@ -56,12 +56,12 @@ pub const SUPPORTED: [&str; 19] = [
 /// Advice on how to save a file without an unsupported extension.
 fn advice(extension: &str) -> &'static str {
     match extension {
-        "KHR_draco_mesh_compression" => ": Draco compression; save the file without it",
+        "KHR_draco_mesh_compression" => " (Draco compression); save the file without it",
         "EXT_meshopt_compression" | "KHR_meshopt_compression" => {
-            ": meshopt compression; save the file without it"
+            " (meshopt compression); save the file without it"
         }
-        "KHR_texture_basisu" => ": KTX2 textures; save them as PNG or JPEG",
-        "EXT_texture_avif" => ": AVIF textures; save them as PNG or JPEG",
+        "KHR_texture_basisu" => " (KTX2 textures); save them as PNG or JPEG",
+        "EXT_texture_avif" => " (AVIF textures); save them as PNG or JPEG",
         _ => "",
     }
 }
@@ -215,7 +215,9 @@ fn check_accessors(name: &str, json: &Value) -> Result<(), Error> {
         if !attributes.chain([&primitive["indices"]]).all(known) {
             return Err(Error::format(
                 name,
-                format!("not valid glTF: a primitive names an accessor beyond the last of {count}"),
+                format!(
+                    "not valid glTF: a primitive refers to an accessor that does not exist (the file has {count} accessors)"
+                ),
             ));
         }
     }

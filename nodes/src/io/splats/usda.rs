@@ -153,8 +153,7 @@ fn local(scan: &Scan<'_>, prim: &Prim) -> Result<DMat4, Error> {
             ("translate", &[x, y, z]) => DMat4::from_translation(DVec3::new(x, y, z)),
             ("scale", &[x, y, z]) => DMat4::from_scale(DVec3::new(x, y, z)),
             _ => {
-                let what =
-                    format!("the transform `{name}` of USD; write it as a matrix, `xformOp:transform`");
+                let what = format!("the USD transform `{name}`; write it as a matrix, `xformOp:transform`");
                 return Err(Error::unsupported(scan.file, what));
             }
         };
