@@ -132,7 +132,7 @@ impl Tune {
         let work = self.max_work.map(|value| ("--max-work", value));
         let (option, value) = seconds.or(work).ok_or_else(no_goal)?;
         if !(value > 0.0 && value.is_finite()) {
-            return Err(Error::usage(format!("`{option}` must be a number above 0, and is {value}")));
+            return Err(Error::usage(format!("`{option}` must be a number above 0, but is {value}")));
         }
         let unit = if self.max_seconds.is_some() { Unit::CpuSeconds } else { Unit::Rays };
         Ok(Wanted { metric, goal: Goal::Cost(value), unit, budget })

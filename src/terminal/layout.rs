@@ -4,7 +4,7 @@ use textwrap::Options;
 
 /// Width if standard output is not a terminal, in characters.
 const WIDTH: usize = 100;
-/// Range of widths in characters. Longer lines are hard to read, and shorter ones leave no space next to a column
+/// Range of widths in characters. Longer lines are hard to read, and shorter lines leave no space next to a column
 /// of names.
 const WIDTHS: std::ops::RangeInclusive<usize> = 40..=120;
 

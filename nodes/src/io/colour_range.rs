@@ -11,8 +11,8 @@ pub struct Range {
     pub guessed: bool,
 }
 
-/// Fraction of the numbers that must exceed 1 for floats to be interpreted as numbers up to 255, so that a single
-/// wrong number has no effect.
+/// Minimum fraction of the numbers that must exceed [`SLACK`] for floats to be interpreted as numbers up to 255. A
+/// single wrong number thus has no effect.
 const SHARE: f64 = 0.01;
 /// Maximum value that still counts as white, with a margin for rounding.
 const SLACK: f64 = 1.5;

@@ -243,7 +243,7 @@ impl<'a> Rows<'a> {
         Self { file, format: header.format, rest, length: bytes.len(), list: Vec::new() }
     }
 
-    /// The bytes after the rows that were read.
+    /// The bytes of the file after the rows that have been read.
     pub fn rest(&self) -> &'a [u8] {
         self.rest
     }

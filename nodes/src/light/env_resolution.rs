@@ -1,8 +1,8 @@
 //! Number of columns that an environment needs, depending on the materials of the objects and on its lights.
 //!
 //! Every node that makes or reads the panorama has a cost per pixel. A texel blurs the light over its width. This
-//! blur is not visible in reflections that the material blurs more, nor at the edges of shadows, which are as wide
-//! as the light.
+//! blur is not visible in reflections that the material blurs more, nor at the edges of shadows if the light is
+//! several texels wide, since such edges are soft.
 
 use std::f64::consts::PI;
 use std::sync::Arc;

@@ -31,7 +31,7 @@ pub fn luminance(rgb: [f64; 3]) -> f64 {
     0.21267 * rgb[0] + 0.71516 * rgb[1] + 0.07217 * rgb[2]
 }
 
-/// A texel of an environment, or one of the equal parts of a large one.
+/// A texel of an environment, or one of the equal parts of a large texel.
 struct Texel {
     direction: DVec3,
     solid_angle: f64,

@@ -439,7 +439,11 @@ impl Fields for Read<'_, '_> {
     fn numbers(&mut self, v: &mut [f32]) -> Result<(), Corrupt> {
         let read = self.from.f32s()?;
         if read.len() != v.len() {
-            return Err(Corrupt(format!("a field has {} numbers instead of {}", read.len(), v.len())));
+            return Err(Corrupt(format!(
+                "a field of a material has {} numbers instead of {}",
+                read.len(),
+                v.len()
+            )));
         }
         v.copy_from_slice(&read);
         Ok(())

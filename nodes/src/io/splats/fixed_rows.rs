@@ -36,7 +36,7 @@ impl Field {
     }
 }
 
-/// An element: rows that have the same fields.
+/// An element of a PLY file: rows that have the same fields.
 #[derive(Debug)]
 pub struct Element {
     /// Name in the file: `vertex`.

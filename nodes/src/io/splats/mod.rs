@@ -104,7 +104,7 @@ impl Reading<'_> {
 /// The content of one file: its rows and their properties.
 pub(crate) struct Loaded {
     parts: Vec<Part>,
-    /// Number of rows of the file, including dropped ones.
+    /// Number of rows of the file, including dropped rows.
     count: usize,
     /// Degree of the harmonics in memory.
     sh_degree: u32,

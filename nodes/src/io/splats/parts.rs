@@ -11,7 +11,7 @@ const CHUNK: usize = 16_384;
 /// A part of a scene: the rows of one job.
 #[derive(Default)]
 pub struct Part {
-    /// The splats that can be drawn.
+    /// The rows that were not dropped.
     pub rows: Vec<Row>,
     /// Colours of these splats: the degree of the file determines the number of RGB triples per splat.
     pub sh: Vec<[f32; 3]>,

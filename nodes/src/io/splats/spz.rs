@@ -174,7 +174,8 @@ fn unpack_4(file: &str, bytes: &[u8], header: Header) -> Result<Attributes, Erro
     Ok(Attributes { header, count, streams, extensions, left_over: bytes.len() - at })
 }
 
-/// The orthogonal map from the axes that an extension defines to right, up, back; `None` without that extension.
+/// The orthogonal map from the axes that an extension defines to right, up, back; `None` if the file does not
+/// contain that extension.
 fn named_axes(file: &str, flags: u8, mut records: &[u8]) -> Result<Option<DMat3>, Error> {
     if flags & EXTENDED == 0 {
         return Ok(None);

@@ -315,7 +315,10 @@ fn rows(file: &str, field: &Field, turn: &Turn, reading: &Reading<'_>) -> Result
         if found == count * each || found == 0 {
             return Ok(());
         }
-        Err(Error::format(file, format!("`{name}` has {found} numbers for {count} splats, not {each} each")))
+        Err(Error::format(
+            file,
+            format!("`{name}` has {found} numbers for {count} splats; each splat needs {each}"),
+        ))
     };
     let (scales, turns, opacities) = (list("scales"), list("orientations"), list("opacities"));
     whole("scales", scales.len(), 3)?;

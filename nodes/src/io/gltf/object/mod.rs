@@ -79,7 +79,8 @@ pub(crate) fn object(
     Ok(Object { primitives, materials, textures: textures.into_iter().map(|(texture, _)| texture).collect() })
 }
 
-/// Converts a picture to a texture with four bytes per texel. Also returns true if bits were lost.
+/// Converts a picture to a texture with four bytes per texel. The flag is true if 16-bit codes were rounded to 8
+/// bits.
 fn texture(raster: Raster) -> (Texture, bool) {
     let wide = raster.largest > 255;
     let byte = |code: u16| if wide { ((u32::from(code) * 255 + 32_767) / 65_535) as u8 } else { code as u8 };

@@ -24,8 +24,8 @@ const LARGEST: f64 = 8_388_607.0;
 const HEADER: usize = 16;
 const HEADER_4: usize = 32;
 
-/// Statistics of numbers that were clamped to the range of a byte: their count, and the largest difference in
-/// steps.
+/// Statistics of numbers that were clamped to the range of a byte: their count, and the largest change of a number
+/// in steps of the byte.
 #[derive(Default, Clone, Copy)]
 struct Cut {
     count: u64,
@@ -227,8 +227,8 @@ fn streams_apart(
     Ok(header)
 }
 
-/// Largest difference by which another component may exceed the omitted one. If all four components are equal,
-/// rounding three of them by up to half a step of 0.0014 can cause almost this difference.
+/// Maximum difference by which another component may exceed the omitted component. If all four components are
+/// equal, rounding three of them by up to half a step of 0.0014 can cause almost this difference.
 const AS_LARGE: f32 = 0.004;
 
 /// The bits of a rotation. If several components are practically equal to the largest, the one whose omission makes
