@@ -328,8 +328,8 @@ struct RowsReader {
 }
 
 impl RowsReader {
-    /// Writes a line of a channel that begins at `x` and `y` in the data window. `start` is the index of the first
-    /// sample of the channel. Samples outside the display window are skipped.
+    /// Writes a line of a channel to the result. The line begins at `x` and `y` in the data window. `start` is the
+    /// index in the result of the first sample of the channel. Samples outside the display window are skipped.
     fn put<T>(
         &mut self,
         start: usize,

@@ -145,7 +145,7 @@ fn webp(reader: &mut (impl BufRead + Seek)) -> Option<Head> {
 }
 
 /// Reads the head of the part that is used when no layer is named. Since another part may be named, `decoded` is
-/// the memory that the largest flat part needs in addition.
+/// the memory that the largest flat part needs in addition to this part.
 fn exr(reader: &mut (impl BufRead + Seek)) -> Option<Head> {
     let meta = MetaData::read_from_buffered(reader, false).ok()?;
     let (header, _) = choose_part(&meta.headers, "")?;

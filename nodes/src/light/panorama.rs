@@ -19,8 +19,8 @@ engine::choices! {
     }
 }
 
-/// Number of useful panorama columns per pixel of the side of a cube-map view. A finer panorama would not show more
-/// detail.
+/// Maximum useful number of columns of a panorama, per pixel of the width of a cube-map view. More columns would
+/// not show more detail.
 pub(crate) const COLUMNS_A_PIXEL: u32 = 2;
 
 /// A panorama before its holes are filled.

@@ -13,7 +13,7 @@ const CHUNK: usize = 16_384;
 pub struct Part {
     /// The rows that were not dropped.
     pub rows: Vec<Row>,
-    /// Colours of these splats: the degree of the file determines the number of RGB triples per splat.
+    /// Colours of the rows: for each row, as many RGB triples as the degree of the file requires.
     pub sh: Vec<[f32; 3]>,
     /// Number of dropped rows, by reason.
     pub dropped: [u64; RowFault::ALL.len()],

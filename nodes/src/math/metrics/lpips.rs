@@ -104,7 +104,7 @@ impl Lpips {
     }
 }
 
-/// Converts a picture to the input of the network, normalised as in its training.
+/// Converts a picture to the input of the network, normalised like the pictures with which the network was trained.
 fn input(plane: &Plane, scaled: bool) -> Tensor {
     const SHIFT: [f64; 3] = [-0.030, -0.088, -0.188];
     const SCALE: [f64; 3] = [0.458, 0.448, 0.450];
