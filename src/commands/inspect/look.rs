@@ -112,7 +112,7 @@ pub(super) fn of_splats(file: &Path, cameras: Option<&Path>) -> Result<Drawn, No
         );
     }
     if let Some(matrix) = &standing.matrix {
-        let text = "the capture is tilted; the plan and the views below apply if its loaders contain:";
+        let text = "the capture is tilted; the plan and the views below apply if the loaders of the capture contain:";
         let _ = writeln!(lines, "{:>14}  {text}\n{:>14}  matrix: {}", "note", "", row_major(matrix));
     }
     let shown = Shown {
