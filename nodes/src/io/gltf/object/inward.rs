@@ -246,7 +246,8 @@ mod tests {
         (list, notes.iter().map(|note| note.id.clone()).collect())
     }
 
-    /// This test fails if `score() < INWARD` is `score() > 0.3`.
+    /// Closed parts that look inwards are turned, and other parts are not. This test fails if `score() < INWARD` is
+    /// `score() > 0.3`.
     #[test]
     fn closed_shapes_that_look_inwards_are_turned() {
         let right = cube(1.0, [3.0, 0.0, 0.0], false, 1.0, 6);
