@@ -1,4 +1,4 @@
-//! `tune`: finds settings of the knobs that reach an error with little work, by measuring.
+//! `tune`: finds settings of the knobs that reach a given error with little work, by measuring.
 
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
@@ -17,7 +17,7 @@ use crate::session::{EngineArgs, Error, GraphArgs, on_interrupt, time};
 use crate::terminal;
 use crate::terminal::measuring::{Measuring, outlook_text};
 
-/// Measures settings of the knobs to find one that reaches an error with the least work.
+/// Measures settings of the knobs to find the one that reaches a given error with the least work.
 ///
 /// Runs the graph at the preset `reference`, which all pictures are compared with, at the other presets, and then
 /// at settings near the best of them. Results are kept in the cache, so a setting costs only the work that it does

@@ -52,7 +52,7 @@ pub struct GraphArgs {
 pub struct Loaded {
     pub graph: Arc<Graph>,
     pub only: Vec<usize>,
-    /// The files that the graph was read from.
+    /// The files from which the graph was read: the graph file, its includes and overlays.
     pub texts: Vec<PathBuf>,
     /// Path of the lock of the graph, whether or not it exists.
     pub lock: Option<PathBuf>,

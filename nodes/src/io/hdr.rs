@@ -325,7 +325,7 @@ mod tests {
         }
     }
 
-    /// An exposure of 0 is ignored; other primaries are returned with the picture.
+    /// An exposure of 0 is ignored. Primaries that differ from those of sRGB are returned with the picture.
     #[test]
     fn exposures_of_0_count_as_none_and_primaries_are_read() {
         let of = |head: &str| read("a.hdr", &file(&format!("{head}\n-Y 1 +X 1\n"), &[10, 20, 30, 136]));

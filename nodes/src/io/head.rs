@@ -19,7 +19,7 @@ pub struct Head {
     /// Bytes per pixel that the decoder returns. For OpenEXR, the bytes per pixel that the largest part needs in
     /// addition to this part.
     pub decoded: u64,
-    /// True for linear light in floats; false for integer codes.
+    /// True if the samples are floats of linear light; false if they are integer codes.
     pub floats: bool,
 }
 

@@ -280,7 +280,7 @@ impl Material {
         self.clone().walk(&mut Write(to)).ok();
     }
 
-    /// Reads the encoding of [`encode`](Self::encode), for an object with this number of textures.
+    /// Reads a material that [`encode`](Self::encode) wrote, for an object with this number of textures.
     pub(super) fn decode(from: &mut Decoder<'_>, textures: usize) -> Result<Self, Corrupt> {
         let mut material = Self { name: from.str()?, ..Self::default() };
         material.walk(&mut Read { from, textures })?;

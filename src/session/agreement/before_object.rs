@@ -1,4 +1,4 @@
-//! Finds splats in front of an inserted object, by the pictures of a run.
+//! Finds splats in front of an inserted object, from the pictures of a run.
 
 use std::collections::BTreeSet;
 

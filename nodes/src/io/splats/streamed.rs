@@ -47,7 +47,7 @@ pub(crate) struct Level {
     pub levels: usize,
 }
 
-/// True for the JSON of a streamed scene.
+/// True if the bytes are the JSON of a streamed scene.
 pub(super) fn is_streamed(bytes: &[u8]) -> bool {
     #[derive(Deserialize)]
     struct Peek {

@@ -133,7 +133,7 @@ impl<'a> Scan<'a> {
     }
 }
 
-/// A value of the metadata at the start of the file.
+/// The value of the setting `name` in the metadata at the start of the file.
 fn setting<'a>(metadata: &'a str, name: &str) -> Option<&'a str> {
     let line = metadata
         .lines()

@@ -21,7 +21,7 @@ use crate::io::png::Raster;
 use crate::types::{Object, Texture};
 
 /// The file and all files that it refers to. The format of the file is detected by content. Errors in a GLB are
-/// reported only when the node runs, since all of its bytes are available then.
+/// reported only when the node runs, since only then are all of its bytes read.
 pub(crate) fn sources(path: &InputFile, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
     let file = root.file(path);
     let mut sources = vec![file.clone()];
