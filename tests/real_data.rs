@@ -12,7 +12,7 @@ use std::process::Command;
 
 use serde_json::Value;
 
-/// PSNR in the shadow region of each view, for one of the compared pictures.
+/// PSNR in the shadow region of each view. `picture` is the name of one of the compared pictures.
 fn shadow_psnr(graph: &str, picture: &str, folder: &Path) -> Vec<f64> {
     let report = std::fs::read_to_string(folder.join(format!("{graph}.json"))).unwrap();
     let report: Value = serde_json::from_str(&report).unwrap();

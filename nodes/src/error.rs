@@ -13,7 +13,7 @@ pub enum Error {
         what: String,
     },
     /// A file that uses an unsupported feature, which the error names.
-    #[error("`{file}`: not supported: {feature}")]
+    #[error("`{file}` is not supported: {feature}")]
     Unsupported {
         /// The file as the graph names it.
         file: String,

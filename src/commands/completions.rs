@@ -9,7 +9,7 @@ use crate::terminal;
 /// Prints completions for a shell.
 #[derive(Debug, Args)]
 pub struct Completions {
-    /// The shell
+    /// Shell to print the completions for
     shell: clap_complete::Shell,
 }
 

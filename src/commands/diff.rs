@@ -63,8 +63,8 @@ fn pixels(path: &Path) -> Result<Arc<Images>, String> {
     }
 }
 
-/// The channels of an OpenEXR file without a colour picture. Each becomes a picture of the encoding `data` that has
-/// the name of the channel. `None` for files that are not OpenEXR.
+/// The channels of an OpenEXR file without a colour picture. Each channel becomes a picture with the encoding
+/// `data` and the name of the channel. `None` for files that are not OpenEXR.
 fn layers(name: &str, bytes: &[u8]) -> Option<Images> {
     let Planes { width, height, channels, .. } = exr::read(name, bytes).ok()?;
     let view = |Channel { name, samples }| {
@@ -230,7 +230,7 @@ impl Diff {
                 equal = false;
                 for (path, why) in [(&self.a, a.err()), (&self.b, b.err())] {
                     if let Some(why) = why {
-                        text.push_str(&format!("pictures: {} cannot be read: {why}\n", path.display()));
+                        text.push_str(&format!("the picture `{}` cannot be read ({why})\n", path.display()));
                     }
                 }
             }

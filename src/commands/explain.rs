@@ -15,7 +15,7 @@ pub struct Explain {
     graph: GraphArgs,
     /// Name of the node
     node: String,
-    /// Also print everything that its key consists of
+    /// Also print everything that the node's key consists of
     #[arg(long)]
     key: bool,
     /// One JSON object on standard output
@@ -82,8 +82,8 @@ impl Explain {
     }
 }
 
-/// Returns a line of a key with the number in brackets converted from the index of a field to the index of a wire.
-/// In a key, each wire of an input has three fields: type, format and content.
+/// Replaces the number in the brackets of a line of a key, which is the index of a field, with the index of the
+/// wire that the field belongs to. In a key, each wire of an input has three fields: type, format and content.
 fn by_wire(graph: &Graph, index: usize, line: &str) -> String {
     let numbered = || {
         let (name, rest) = line.split_once('[')?;

@@ -79,7 +79,7 @@ enum Verb {
     Plan(plan::Plan),
     /// List the parameters that trade work for accuracy, and the outputs that each changes
     Knobs(knobs::Knobs),
-    /// Measure settings of the knobs to find one that reaches an error with the least work
+    /// Measure settings of the knobs to find the one that reaches a given error with the least work
     Tune(tune::Tune),
     /// Write a page on what a graph costs, how large its error is, and which node causes it
     Report(report::MakeReport),

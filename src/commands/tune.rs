@@ -1,4 +1,4 @@
-//! `tune`: finds settings of the knobs that reach an error with little work, by measuring.
+//! `tune`: finds settings of the knobs that reach a given error with little work, by measuring.
 
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
@@ -17,7 +17,7 @@ use crate::session::{EngineArgs, Error, GraphArgs, on_interrupt, time};
 use crate::terminal;
 use crate::terminal::measuring::{Measuring, outlook_text};
 
-/// Measures settings of the knobs to find one that reaches an error with the least work.
+/// Measures settings of the knobs to find the one that reaches a given error with the least work.
 ///
 /// Runs the graph at the preset `reference`, which all pictures are compared with, at the other presets, and then
 /// at settings near the best of them. Results are kept in the cache, so a setting costs only the work that it does
@@ -132,7 +132,7 @@ impl Tune {
         let work = self.max_work.map(|value| ("--max-work", value));
         let (option, value) = seconds.or(work).ok_or_else(no_goal)?;
         if !(value > 0.0 && value.is_finite()) {
-            return Err(Error::usage(format!("`{option}` must be a number above 0, and is {value}")));
+            return Err(Error::usage(format!("`{option}` must be a number above 0, but is {value}")));
         }
         let unit = if self.max_seconds.is_some() { Unit::CpuSeconds } else { Unit::Rays };
         Ok(Wanted { metric, goal: Goal::Cost(value), unit, budget })

@@ -95,7 +95,7 @@ pub fn to_time(loaded: Loaded, engine: &Engine, seconds: f64) -> Result<(Loaded,
     }
 }
 
-/// The knobs that are numbers of samples, with their values.
+/// The knobs that set a number of samples, with their values.
 fn samples(graph: &Graph, only: &[usize]) -> Vec<(GraphKnob, u64)> {
     let counts = |knob: &GraphKnob| {
         !knob.varies

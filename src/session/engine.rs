@@ -101,7 +101,7 @@ pub fn cache_folder(named: Option<&Path>) -> Result<PathBuf, Error> {
     }
 }
 
-/// Parses a number of bytes, with or without K, M, G or T.
+/// Parses a number of bytes, which may end in K, M, G or T.
 pub fn size(text: &str) -> Result<u64, Error> {
     engine::parse_bytes(text).ok_or_else(|| {
         Error::usage(format!("`{text}` is not a size; write a number with K, M or G, such as 4G"))

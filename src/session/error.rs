@@ -11,10 +11,10 @@ pub enum Error {
     /// The graph file has mistakes, which are printed with their places.
     #[error("{0}")]
     Graph(Diagnostics),
-    /// The command line, or a file that it names, cannot be used. The text has the problem and the remedy.
+    /// The command line, or a file that it names, cannot be used. The text states the problem and the remedy.
     #[error("{0}")]
     Usage(String),
-    /// The cache cannot be used, or a file cannot be written. The text has the path and the error of the system.
+    /// The cache cannot be used, or a file cannot be written. The text states the path and the error of the system.
     #[error("{0}")]
     Cache(String),
     /// Standard output cannot be written.
@@ -23,7 +23,7 @@ pub enum Error {
 }
 
 impl Error {
-    /// An error about the command line, with the problem and the remedy.
+    /// An error about the command line. `text` states the problem and the remedy.
     pub fn usage(text: impl Into<String>) -> Self {
         Self::Usage(text.into())
     }

@@ -21,7 +21,7 @@ pub struct GraphArgs {
     /// Set one field for this run: node.field=value; may be repeated
     #[arg(long = "set", value_name = "NODE.FIELD=VALUE")]
     pub set: Vec<String>,
-    /// Do all work, even if a check shows that it changes no byte, to measure what the checks save
+    /// Do all work, even where a check shows that it would not change a byte; for measuring what these checks save
     #[arg(long)]
     pub exhaustive: bool,
     /// Apply a preset: one of the graph, or draft, preview, final or reference, which set its knobs; may be
@@ -52,7 +52,7 @@ pub struct GraphArgs {
 pub struct Loaded {
     pub graph: Arc<Graph>,
     pub only: Vec<usize>,
-    /// The files that the graph was read from.
+    /// The files from which the graph was read: the graph file, its includes and overlays.
     pub texts: Vec<PathBuf>,
     /// Path of the lock of the graph, whether or not it exists.
     pub lock: Option<PathBuf>,
@@ -198,7 +198,7 @@ impl GraphArgs {
         Ok(Origin { source, root, lock, recipe, unpacked })
     }
 
-    /// Adds a hint to mistakes of `--set`, about writing a list of numbers in a shell.
+    /// Adds to the mistakes of `--set` a hint on how to write a list of numbers in a shell.
     fn with_shell_forms(&self, error: Error) -> Error {
         let Error::Graph(mut mistakes) = error else { return error };
         for setting in &self.set {

@@ -93,7 +93,7 @@ fn find_all(graph: &Graph, name: &str) -> Result<Vec<usize>, Error> {
         let known: Vec<String> =
             axes.map(|axis| format!("`{axis}` {}", values_of(graph, &instances, axis))).collect();
         return Err(Error::usage(match known.as_slice() {
-            [] => format!("`{plain}` is one node, which has no `{values}`"),
+            [] => format!("`{plain}` does not vary along an axis, so it has no `{values}`"),
             known => format!("`{plain}` has no `{values}`; it has {}", known.join(" and ")),
         }));
     }

@@ -96,8 +96,8 @@ impl Origin {
         )
     }
 
-    /// Opens a graph file. If it is in the folder of an unpacked bundle, it is untrusted while the marker file
-    /// exists.
+    /// Opens a graph file. If it is in the folder of an unpacked bundle, it is untrusted as long as that folder
+    /// contains the marker file that `unpack` writes.
     fn own(
         mut source: Source,
         folder: PathBuf,

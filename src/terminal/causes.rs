@@ -93,7 +93,8 @@ fn source(change: &Change) -> Option<&str> {
     (name == "sources").then(|| rest.split_once("].").map_or(rest, |(_, file)| file).trim_matches('"'))
 }
 
-/// The files of the changes in `sources` that have no value on the side that `side` selects, old or new.
+/// The files of those changes in `sources` whose value on one side, old or new, is missing; `side` selects the
+/// side.
 fn files(changes: &[Change], side: impl Fn(&Change) -> &Option<String>) -> Vec<&str> {
     changes.iter().filter(|change| side(change).is_none()).filter_map(source).collect()
 }

@@ -4,7 +4,7 @@ use textwrap::Options;
 
 /// Width if standard output is not a terminal, in characters.
 const WIDTH: usize = 100;
-/// Range of widths in characters. Longer lines are hard to read, and shorter ones leave no space next to a column
+/// Range of widths in characters. Longer lines are hard to read, and shorter lines leave no space next to a column
 /// of names.
 const WIDTHS: std::ops::RangeInclusive<usize> = 40..=120;
 
@@ -34,8 +34,8 @@ pub fn paragraphs(doc: &str) -> Vec<String> {
     found
 }
 
-/// Wraps one line of text to `width`. Every line is indented by `indent` spaces. In the first line, `first`
-/// replaces the first of these spaces. Ends with a newline.
+/// Wraps one line of text to `width`. Every line is indented by `indent` spaces, except that the first line begins
+/// with `first`, padded to that length. Ends with a newline.
 pub fn wrapped(text: &str, first: &str, indent: usize, width: usize) -> String {
     let space = " ".repeat(indent);
     let head = format!("{first:<indent$}");

@@ -20,7 +20,7 @@ pub fn mistakes(found: &Diagnostics, json: bool) {
     error(&found.render(colours()));
 }
 
-/// The warning for a graph without sinks, if no node was selected by name.
+/// The warning for a graph without sinks; `None` if the graph has sinks or nodes were selected by name.
 pub fn no_file(graph: &Graph, only: &[usize]) -> Option<String> {
     if !only.is_empty() || graph.nodes.iter().any(|node| node.sink_path.is_some()) {
         return None;

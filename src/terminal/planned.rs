@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 
 use super::causes::reason;
 
-/// The plan of a node, and the time, memory and counts of its last run.
+/// The plan of a node, and the time, memory and counts of its last run, as JSON.
 pub fn planned_json(engine: &Engine, graph: &Graph, index: usize, node: &Planned) -> Value {
     let (fate, changes, after) = match &node.fate {
         Fate::Unwanted => ("unwanted", &[][..], None),
@@ -27,7 +27,7 @@ pub fn planned_json(engine: &Engine, graph: &Graph, index: usize, node: &Planned
     })
 }
 
-/// The differences between two keys of a node.
+/// The differences between two keys of a node, as JSON.
 pub fn changes_json(changes: &[Change]) -> Vec<Value> {
     let change = |change: &Change| json!({"path": change.path, "old": change.old, "new": change.new});
     changes.iter().map(change).collect()

@@ -34,7 +34,7 @@ impl Running {
     }
 }
 
-/// Progress of a run and the remaining time. Times are in seconds of one clock.
+/// Progress of a run and the remaining time. All times are in seconds and are read from the same clock.
 #[derive(Debug, Default)]
 pub struct Progress {
     /// Forecasts of the nodes that may run and have not started, by name; empty if only the totals of the plan are

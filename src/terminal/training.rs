@@ -53,7 +53,8 @@ impl Follow {
     }
 }
 
-/// Returns the line to print if standard error is not a terminal; `None` unless another tenth of the stage is done.
+/// Returns the line to print if standard error is not a terminal; `None` if no further tenth of the stage has been
+/// completed since the last line.
 fn line(tenth: &mut Option<u64>, text: &str, at: u64, of: u64) -> Option<String> {
     let now = at.saturating_mul(10) / of.max(1);
     (tenth.replace(now) != Some(now)).then(|| format!("{text}: {at}/{of}"))

@@ -31,7 +31,7 @@ pub fn seconds_text(seconds: f64) -> String {
     }
 }
 
-/// Formats counts, such as `   rays 1.2 M, ..`; empty if no counts are given.
+/// Formats counts, such as `   rays 1.2 M, ..`. Returns an empty string if there are no counts.
 pub fn counts_text(counts: &Counts) -> String {
     let texts: Vec<String> = counts.iter().map(|(name, n)| format!("{name} {}", number_text(*n))).collect();
     if texts.is_empty() { String::new() } else { format!("   {}", texts.join(", ")) }

@@ -1,4 +1,5 @@
-//! Tests with `kill -9` at any moment: every following run completes with the bytes of an undisturbed one.
+//! Tests that kill a run with `kill -9` at any moment. The next run completes and writes the same bytes as a run
+//! that was not killed.
 
 use std::io::{BufRead, BufReader};
 use std::process::Stdio;

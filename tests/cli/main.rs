@@ -119,7 +119,7 @@ fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
 }
 
 impl RunLog {
-    /// Names of the nodes that ended in a state, in alphabetical order.
+    /// Names of the nodes that ended in the given state, in alphabetical order.
     pub fn nodes(&self, state: &str) -> Vec<&str> {
         let of = |event: &&Value| event["event"] == "node" && event["state"] == state;
         let mut names: Vec<&str> =
@@ -128,7 +128,7 @@ impl RunLog {
         names
     }
 
-    /// Names of the parts of a node that ended in a state.
+    /// Names of the parts of a node that ended in the given state.
     pub fn parts(&self, node: &str, state: &str) -> Vec<&str> {
         let of = |event: &&Value| event["event"] == "part" && event["id"] == node && event["state"] == state;
         self.events.iter().filter(of).filter_map(|event| event["part"].as_str()).collect()

@@ -58,7 +58,10 @@ fn a_wrong_name_is_answered_with_a_near_one_that_exists() {
         text.contains("`each` has no `frame=3`; it has `frame` 998, 999, 1000, 1001, 1002, 1003"),
         "{text}"
     );
-    assert!(told(&["--only", "demo/frame=3"]).contains("`demo` is one node"), "not along the axis");
+    assert!(
+        told(&["--only", "demo/frame=3"]).contains("`demo` does not vary along an axis"),
+        "not along the axis"
+    );
     let text = told(&["--set", "camera.eye=22,5,20"]);
     assert!(text.contains("in a shell: --set 'camera.eye=(22, 5, 20)'"), "{text}");
     let text = told(&["--set", "camera.fov=20"]);

@@ -45,8 +45,8 @@ fn pictures(place: &Place) -> Vec<String> {
     place.outputs().into_keys().collect()
 }
 
-/// An axis over the cameras of a file renders one camera after the other, also by ranges. If one camera is edited,
-/// only this camera is rendered again. An axis of numbers can also pick cameras.
+/// An axis over the cameras of a file renders one camera after the other; a range selects some of them. If one
+/// camera is edited, only this camera is rendered again. An axis of numbers can also pick cameras.
 #[test]
 fn the_cameras_of_a_file_are_an_axis() {
     let place = Place::new(VIEWS);

@@ -33,7 +33,7 @@ fn any_node_is_shown_without_editing_the_graph() {
     }
 }
 
-/// A pixel of the splats and of the mesh shows the same point of the floor.
+/// The same pixel in a view of the splats and in a view of the mesh gives the same point of the floor.
 #[test]
 fn a_pixel_gives_the_point_that_it_shows() {
     let place = Place::new(INSERT);

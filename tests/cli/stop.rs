@@ -1,5 +1,5 @@
-//! Tests of interrupted runs: at any moment the exit code reports the interruption, finished results are kept, and
-//! the next run completes.
+//! Tests of interrupted runs. Whenever a run is interrupted, its exit code reports the interruption, finished
+//! results are kept, and the next run completes.
 #![cfg(unix)]
 
 use std::io::{BufRead, BufReader};

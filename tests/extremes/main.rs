@@ -1,4 +1,4 @@
-//! Checks `docs/evidence/extremes.md`, which has a row for each extreme, with the tests that hold there and the
+//! Checks `docs/evidence/extremes.md`, which has a row for each extreme, with the tests of this extreme and the
 //! values that they measured.
 //!
 //! `rows.tsv` has the rows and names the tests of each. `mutations.tsv` has changes of expressions that make the

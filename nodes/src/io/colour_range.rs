@@ -1,4 +1,4 @@
-//! Range of the colours of points, that is, the value of white, which files do not specify.
+//! The value of white in the colours of points, which files do not specify.
 
 use super::ply::Scalar;
 
@@ -11,8 +11,8 @@ pub struct Range {
     pub guessed: bool,
 }
 
-/// Fraction of the numbers that must exceed 1 for floats to be interpreted as numbers up to 255, so that a single
-/// wrong number has no effect.
+/// Minimum fraction of the numbers that must exceed [`SLACK`] for floats to be interpreted as numbers up to 255. A
+/// single wrong number thus has no effect.
 const SHARE: f64 = 0.01;
 /// Maximum value that still counts as white, with a margin for rounding.
 const SLACK: f64 = 1.5;
@@ -20,7 +20,8 @@ const SLACK: f64 = 1.5;
 const BYTE: f64 = 255.5;
 
 impl Range {
-    /// The range of colours of a type. For integers of 8 and 16 bits, white is the largest number of the type.
+    /// The range of colours stored as `scalar`. For integers of 8 and 16 bits, white is the largest number of the
+    /// type.
     /// Integers of 32 bits are assumed to hold 8-bit codes, since some programs write all integers with one type.
     /// For floats, white is 1, or 255 if at least a hundredth of the numbers exceed 1.5 and none exceeds 255.5.
     pub fn of<I: Iterator<Item = f64>>(scalar: Scalar, numbers: impl FnOnce() -> I) -> Self {

@@ -160,7 +160,7 @@ pub fn open<'a>(file: &'a str, bytes: &'a [u8], layer: &str) -> Result<Opened<'a
         return Err(Error::unsupported(file, "deep data"));
     };
     if matches!(header.compression, Compression::HTJ2K32 | Compression::HTJ2K256) {
-        return Err(Error::unsupported(file, "HTJ2K compression; save it with ZIP or PIZ"));
+        return Err(Error::unsupported(file, "HTJ2K compression; save the picture with ZIP or PIZ"));
     }
     // The largest compression ratio found in a valid file is that of a black picture with PIZ compression.
     for header in &meta.headers {
@@ -294,7 +294,7 @@ struct Rows<'a> {
     opened: &'a Opened<'a>,
     /// Index in the result of the first sample of each channel; `None` for channels that are not read.
     starts: Vec<Option<usize>>,
-    /// Distance in the result between the samples of neighbouring pixels.
+    /// Distance in the result between the samples of one channel in neighbouring pixels.
     stride: usize,
 }
 
@@ -328,8 +328,8 @@ struct RowsReader {
 }
 
 impl RowsReader {
-    /// Writes a line of a channel that begins at `x` and `y` in the data window. `start` is the index of the first
-    /// sample of the channel. Samples outside the display window are skipped.
+    /// Writes a line of a channel to the result. The line begins at `x` and `y` in the data window. `start` is the
+    /// index in the result of the first sample of the channel. Samples outside the display window are skipped.
     fn put<T>(
         &mut self,
         start: usize,
@@ -402,7 +402,7 @@ const BATCH: usize = 16;
 const HALF_MAX: f32 = 65_504.0;
 
 /// Writes one part. `encoding` and `recipe` become the attributes `lightharmony:encoding` and `comments`. Returns
-/// the bytes and the number of values that exceed a 16-bit float.
+/// the bytes and the number of values beyond the range of 16-bit floats.
 pub fn write(
     width: usize,
     height: usize,
@@ -429,7 +429,7 @@ pub fn write_for(
         .into_iter()
         .map(|(Channel { name, samples }, depth)| {
             let name = Text::new_or_none(&name)
-                .ok_or_else(|| Error::Mismatch(format!("`{name}` cannot name an EXR channel")))?;
+                .ok_or_else(|| Error::Mismatch(format!("`{name}` cannot be the name of an EXR channel")))?;
             let samples = match depth {
                 Depth::Float => FlatSamples::F32(samples),
                 Depth::Half => {
@@ -673,8 +673,8 @@ mod tests {
         assert_eq!(read("a.exr", &none).map(|read| read.part).expect("reads"), "id");
     }
 
-    /// Data windows that equal, cross or miss the display window, or lie within it, are read as planes and as
-    /// pixels of some channels.
+    /// Tests data windows that equal, partly overlap, miss or lie inside the display window, read both as separate
+    /// planes and as interleaved pixels of selected channels.
     #[test]
     fn a_cropped_data_window_lands_in_its_place() {
         let file = |position: (i32, i32), window: (usize, usize)| {

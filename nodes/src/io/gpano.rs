@@ -7,7 +7,7 @@ use crate::error::Error;
 /// Number of bytes at the start of a file that are searched. Metadata is stored before the picture.
 pub const HEAD: usize = 1 << 20;
 
-/// Maximum length of the metadata in bytes: that of a JPEG segment, in which it is stored.
+/// Maximum length of the metadata in bytes, which is the maximum length of the JPEG segment that contains it.
 const PACKET: usize = 1 << 16;
 
 /// Maximum number of pixels of a whole sphere.
@@ -78,7 +78,7 @@ impl GPano {
         if !(even && fits) {
             let [[fw, fh], [pw, ph], [x, y]] = [self.full, self.part, self.at];
             let what = format!(
-                "its metadata (GPano) describes a crop of {pw}x{ph} pixels at {x}, {y} of a panorama of {fw}x{fh}, which does not match its {width}x{height} pixels; remove the metadata (`exiftool -XMP-GPano:all= FILE`) and pad the picture to 2:1"
+                "the metadata of the picture (GPano) describes a crop of {pw}x{ph} pixels at {x}, {y} of a panorama of {fw}x{fh}, but the picture has {width}x{height} pixels, which does not match; remove the metadata (`exiftool -XMP-GPano:all= FILE`) and pad the picture to 2:1"
             );
             return Err(Error::format(file, what));
         }

@@ -72,7 +72,7 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Radi
             .iter()
             .take(65_536)
             .position(|&b| b == b'\n')
-            .ok_or_else(|| bad("a line of the header has no end"))?;
+            .ok_or_else(|| bad("the file ends within a line of the header"))?;
         let text = String::from_utf8_lossy(&rest[..end]).trim_end().to_owned();
         *rest = &rest[end + 1..];
         Ok(text)
@@ -176,7 +176,7 @@ fn scanline(rest: &mut &[u8], scan: &mut [[u8; 4]]) -> Option<()> {
         return None;
     }
     *rest = tail;
-    #[allow(clippy::needless_range_loop, reason = "a channel runs across the texels of the row")]
+    #[allow(clippy::needless_range_loop, reason = "`channel` indexes every texel of the row")]
     for channel in 0..4 {
         let mut x = 0;
         while x < width {
@@ -197,8 +197,9 @@ fn scanline(rest: &mut &[u8], scan: &mut [[u8; 4]]) -> Option<()> {
     Some(())
 }
 
-/// Reads a scanline of plain texels, or of the older run-length code: a texel (1, 1, 1, n) repeats the previous one
-/// n times, and several such texels in a row are the bytes of one number.
+/// Reads a scanline of plain texels, or of the older run-length code, in which a texel (1, 1, 1, n) repeats the
+/// previous texel n times. If several such texels follow each other, their n are the bytes of one number, least
+/// significant byte first.
 fn flat_scanline(rest: &mut &[u8], scan: &mut [[u8; 4]]) -> Option<()> {
     let (mut x, mut shift) = (0, 0);
     while x < scan.len() {
@@ -324,7 +325,7 @@ mod tests {
         }
     }
 
-    /// An exposure of 0 is ignored; other primaries are returned with the picture.
+    /// An exposure of 0 is ignored. Primaries that differ from those of sRGB are returned with the picture.
     #[test]
     fn exposures_of_0_count_as_none_and_primaries_are_read() {
         let of = |head: &str| read("a.hdr", &file(&format!("{head}\n-Y 1 +X 1\n"), &[10, 20, 30, 136]));

@@ -19,7 +19,7 @@ pub struct Head {
     /// Bytes per pixel that the decoder returns. For OpenEXR, the bytes per pixel that the largest part needs in
     /// addition to this part.
     pub decoded: u64,
-    /// True for linear light in floats; false for integer codes.
+    /// True if the samples are floats of linear light; false if they are integer codes.
     pub floats: bool,
 }
 
@@ -145,7 +145,7 @@ fn webp(reader: &mut (impl BufRead + Seek)) -> Option<Head> {
 }
 
 /// Reads the head of the part that is used when no layer is named. Since another part may be named, `decoded` is
-/// the memory that the largest flat part needs in addition.
+/// the memory that the largest flat part needs in addition to this part.
 fn exr(reader: &mut (impl BufRead + Seek)) -> Option<Head> {
     let meta = MetaData::read_from_buffered(reader, false).ok()?;
     let (header, _) = choose_part(&meta.headers, "")?;

@@ -31,7 +31,7 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Rast
         return Err(Error::format(file, "the header has no size"));
     };
     if matches!(decoder.input_colorspace(), Some(ColorSpace::CMYK | ColorSpace::YCCK)) {
-        return Err(Error::unsupported(file, "CMYK colours: save it as RGB"));
+        return Err(Error::unsupported(file, "CMYK colours; save the picture as RGB"));
     }
     // A block of 64 samples takes at least 2 bits per component; progressive files may end a band of 32767 blocks
     // with a few bits.

@@ -31,8 +31,9 @@ impl MeshFormat {
     }
 }
 
-/// The bytes of a file. `gltf_frame` is the up axis of the world and its metres per unit, from which GLB is
-/// converted to y up and metres; `None` writes the coordinates unchanged. The other formats are never converted.
+/// The bytes of a file that contains the mesh. `gltf_frame` has the up axis of the world and its metres per unit;
+/// with these, a GLB is converted to y up and metres. `None` writes the coordinates unchanged. The other formats
+/// are never converted.
 pub fn encode(mesh: &Mesh, format: MeshFormat, gltf_frame: Option<(Up, f64)>) -> Vec<u8> {
     match format {
         MeshFormat::Ply => ply(mesh),

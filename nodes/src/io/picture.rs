@@ -134,7 +134,7 @@ fn whole(
 
 /// Text of the warning about primaries that differ from those of sRGB.
 const OTHER_PRIMARIES: &str =
-    "the chromaticities of the file differ from sRGB and are ignored; convert it to linear Rec. 709";
+    "the chromaticities of the file differ from sRGB and are ignored; convert the picture to linear Rec. 709";
 
 /// Adds notes about parts of an EXR file that are ignored.
 fn tell(file: &exr::Opened<'_>, by_default: bool, notes: &mut Notes) {

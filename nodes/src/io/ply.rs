@@ -124,7 +124,7 @@ impl Element {
         self.properties.iter().position(|property| property.name == name)
     }
 
-    /// Smallest number of bytes per row.
+    /// Minimum number of bytes that a row can have in this format.
     fn least_bytes(&self, format: Format) -> u64 {
         let bytes =
             |p: &Property| if format == Format::Ascii { 2 } else { p.count.unwrap_or(p.scalar).size() };
@@ -141,7 +141,7 @@ pub struct Header {
     pub elements: Vec<Element>,
     /// Text of each comment line of the header, with the leading keyword removed.
     pub comments: Vec<String>,
-    /// Start of the body, in bytes.
+    /// Offset of the body from the start of the file, in bytes.
     pub body: usize,
 }
 
@@ -243,7 +243,7 @@ impl<'a> Rows<'a> {
         Self { file, format: header.format, rest, length: bytes.len(), list: Vec::new() }
     }
 
-    /// The bytes after the rows that were read.
+    /// The bytes of the file after the rows that have been read.
     pub fn rest(&self) -> &'a [u8] {
         self.rest
     }

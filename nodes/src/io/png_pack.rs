@@ -15,8 +15,8 @@ use crate::error::Error;
 /// Compression effort.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Packing {
-    /// Makes small files: each row uses the filter whose bytes have the smallest sum of magnitudes. The deflate
-    /// level is 6.
+    /// Makes small files: each row uses the filter whose output, as signed bytes, has the smallest sum of
+    /// magnitudes. The deflate level is 6.
     Small,
     /// Takes a tenth of the time and makes larger files: stores differences from the row above, deflated with a
     /// fixed code.
@@ -87,7 +87,7 @@ pub fn pack(raster: &Raster, packing: Packing, progress: Progress<'_>) -> Result
     Ok(packed)
 }
 
-/// The bytes of a row.
+/// The bytes of row `y` before filtering.
 fn row(raster: &Raster, y: usize) -> Vec<u8> {
     let samples = raster.width * raster.channels;
     let codes = &raster.codes[y * samples..(y + 1) * samples];
@@ -98,8 +98,8 @@ fn row(raster: &Raster, y: usize) -> Vec<u8> {
     }
 }
 
-/// The filtered row `y`, preceded by the number of its filter: of the filters that `packing` tries, the one whose
-/// bytes, as signed numbers, have the smallest sum of magnitudes.
+/// Filters row `y` and returns the number of the filter, followed by the filtered bytes. `packing` determines which
+/// filters are tried; the filter whose output, as signed bytes, has the smallest sum of magnitudes is used.
 fn filtered(raster: &Raster, y: usize, packing: Packing) -> Vec<u8> {
     let back = raster.channels * if raster.largest == 255 { 1 } else { 2 };
     let now = row(raster, y);

@@ -13,7 +13,8 @@ use crate::error::Error;
 /// Number of compressed bytes between two checks. Deflate expands them to at most 4 MB, which takes about 20 ms.
 const STEP: usize = 4096;
 
-/// Number of samples converted between two checks: whole pixels of 1 to 4 channels.
+/// Number of samples converted between two checks. It is a multiple of 12, so that a piece contains only whole
+/// pixels if there are 1 to 4 channels.
 const PIECE: usize = 12 << 16;
 
 /// A range of a node's progress.
@@ -39,7 +40,7 @@ impl<'a> Progress<'a> {
         Self { from: at(from), to: at(to), ..self }
     }
 
-    /// The `index`-th of `count` equal pieces.
+    /// Part `index` of this range, if the range is divided into `count` equal parts.
     pub fn piece(self, index: usize, count: usize) -> Self {
         let at = |index: usize| index as f32 / count.max(1) as f32;
         self.part(at(index), at(index + 1))
@@ -67,7 +68,8 @@ impl<'a> Progress<'a> {
         Ok(())
     }
 
-    /// Applies `f` to every index below `n`, with results in that order, on the shared threads if there are any.
+    /// Applies `f` to every index below `n` and returns the results in the order of the indices. Uses the shared
+    /// threads if there are any.
     ///
     /// # Errors
     /// [`Error::Stopped`] if the run was cancelled.
@@ -146,7 +148,7 @@ pub struct TrackedWriter<'a> {
 }
 
 impl<'a> TrackedWriter<'a> {
-    /// An empty file with an approximate final length.
+    /// A writer of an empty file, whose final length will be approximately `expected`.
     pub fn new(expected: usize, progress: Progress<'a>) -> Self {
         Self { bytes: Vec::with_capacity(expected), asks: 0, expected, progress }
     }

@@ -23,13 +23,13 @@ pub struct Raster {
 }
 
 impl Raster {
-    /// The samples from 0 to 1.
+    /// The samples, scaled to the range 0 to 1.
     pub fn samples(&self) -> Vec<f32> {
         let largest = f32::from(self.largest);
         self.codes.iter().map(|&code| f32::from(code) / largest).collect()
     }
 
-    /// The samples from 0 to 1 as colours, RGB or RGBA premultiplied by alpha, with the number of channels.
+    /// The number of channels, and the samples as colours in the range 0 to 1: RGB, or RGBA premultiplied by alpha.
     ///
     /// # Errors
     /// [`Error::Stopped`] if the run was cancelled.

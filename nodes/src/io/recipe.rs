@@ -13,7 +13,8 @@ pub fn is_picture(bytes: &[u8]) -> bool {
 /// Maximum size in bytes of a recipe in a PNG. Text in a PNG may be compressed, and 1 MB could expand to 1 GB.
 const LONGEST: usize = 16 << 20;
 
-/// The recipe in a picture; `None` if the picture has no recipe, has one that is too long, or is damaged before it.
+/// The recipe in a picture; `None` if the picture has no recipe, if the recipe is too long, or if the file is
+/// damaged before the recipe.
 pub fn recipe(bytes: &[u8]) -> Option<String> {
     match bytes {
         [0x89, b'P', ..] => in_png(bytes),

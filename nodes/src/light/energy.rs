@@ -9,7 +9,7 @@ use crate::math::equirect::{axes, direction, pixel_solid_angle};
 pub struct Energy {
     /// Integral of luminance over the sphere.
     pub power: f64,
-    /// Irradiance of a plane that faces up.
+    /// Irradiance on a plane that faces up.
     pub ground: f64,
     /// Largest luminance.
     pub peak: f64,

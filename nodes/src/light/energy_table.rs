@@ -70,8 +70,9 @@ fn find(up: Up, width: usize, luminance: &[f64], margin: f64) -> Vec<Light> {
 }
 
 impl EnergyTable {
-    /// A table for the lights of a panorama with this luminance, row by row: the regions brighter than 0.95. Light
-    /// around a region is attributed to it with a weight that falls to 0 over `margin` (radians, above 0).
+    /// Creates a table for the lights of a panorama, which are the regions with a luminance above 0.95. `luminance`
+    /// has the pixels row by row. Light around a region is attributed to it with a weight that falls to 0 over the
+    /// angle `margin` (radians, above 0).
     pub fn new(up: Up, width: usize, luminance: &[f64], margin: f64) -> Self {
         Self { up, lights: find(up, width, luminance, margin), steps: Vec::new() }
     }

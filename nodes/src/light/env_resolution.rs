@@ -1,8 +1,8 @@
 //! Number of columns that an environment needs, depending on the materials of the objects and on its lights.
 //!
 //! Every node that makes or reads the panorama has a cost per pixel. A texel blurs the light over its width. This
-//! blur is not visible in reflections that the material blurs more, nor at the edges of shadows, which are as wide
-//! as the light.
+//! blur is not visible in reflections that the material blurs more, nor at the edges of shadows if the light is
+//! several texels wide, since such edges are soft.
 
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -67,12 +67,15 @@ impl EnvResolution {
         if 2 * self.columns > there {
             return;
         }
-        let text =
-            format!("the environment has {there} columns, and {} are enough: {}", self.columns, self.why());
+        let text = format!(
+            "the environment has {there} columns, but {} are enough, since {}",
+            self.columns,
+            self.why()
+        );
         notes.decision(
             "finer-than-needed",
             format!(
-                "{text}; make a smaller panorama with `fit-probe` or `width_px`: it looks the same and is faster"
+                "{text}. A smaller panorama, made with `fit-probe` or `width_px`, gives a picture that looks the same in less time"
             ),
         );
     }
@@ -87,7 +90,7 @@ impl EnvResolution {
             Some(width) => format!("the smallest light is {width:.1} degrees wide"),
             None => "there is no small light".to_owned(),
         };
-        format!("{surface}, {light}")
+        format!("{surface} and {light}")
     }
 }
 
@@ -109,8 +112,9 @@ pub(crate) fn smoothest(object: &Object, material: &Material) -> Option<f64> {
     [base, coat].into_iter().flatten().filter(|_| !material.unlit).reduce(f64::min)
 }
 
-/// The width, in radians, of a disc as large as the smallest light that counts; `None` if there are no lights. The
-/// size of a light is the solid angle `(int L)^2 / int L^2`, so that an aureole hardly increases the size of a sun.
+/// The width, in radians, of a disc with the solid angle of the smallest light that counts; `None` if there are no
+/// lights. The solid angle of a light is taken as `(int L)^2 / int L^2`, so that an aureole hardly increases the
+/// size of a sun.
 fn smallest_light(environment: &Environment) -> Option<f64> {
     let image = &environment.image;
     let (width, height) = (image.width, image.height);

@@ -72,10 +72,10 @@ impl Shown {
     }
 }
 
-/// The hidden light of a pixel: log2 of the ratio, at least 1, of its true luminance to its luminance in the
-/// panorama. The true luminance is taken from the first of `exposures` (sorted from brightest to darkest) in which
-/// the pixel is not clipped, or from the last one if it is clipped in all. The flag is true in the latter case.
-/// `None` if there are no exposures.
+/// The hidden light of a pixel: log2 of the ratio of its true luminance to its luminance in the panorama. Ratios
+/// below 1 are raised to 1. The true luminance is taken from the first of `exposures` (sorted from brightest to
+/// darkest) in which the pixel is not clipped. If the pixel is clipped in all of them, the last is used, and the
+/// flag is true. `None` if there are no exposures.
 pub(crate) fn measured(own: [f32; 3], exposures: impl Iterator<Item = Shown>) -> Option<(f32, bool)> {
     let own = f64::from(luminance(own)).max(DARKEST);
     let mut last = None;

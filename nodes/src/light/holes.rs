@@ -3,7 +3,7 @@
 
 use engine::{Context, NodeError};
 
-/// A level of the pyramid: colours times their confidence, and the confidence, 0 to 1.
+/// A level of the pyramid: for each pixel, its confidence, 0 to 1, and its colour multiplied by the confidence.
 struct Level {
     width: usize,
     height: usize,

@@ -43,7 +43,7 @@ pub struct LinearPixels {
     pub ceiling: bool,
 }
 
-/// Linear light above this exceeds white by more than noise.
+/// Linear light above this value exceeds white by more than noise can.
 const ABOVE_WHITE: f32 = 1.05;
 
 /// Linear light of a 3-channel picture. A linear picture is used unchanged.

@@ -31,7 +31,7 @@ pub fn luminance(rgb: [f64; 3]) -> f64 {
     0.21267 * rgb[0] + 0.71516 * rgb[1] + 0.07217 * rgb[2]
 }
 
-/// A texel of an environment, or one of the equal parts of a large one.
+/// A texel of an environment, or one of the equal parts of a large texel.
 struct Texel {
     direction: DVec3,
     solid_angle: f64,
@@ -83,7 +83,7 @@ pub fn cells(env: &Environment, columns: usize) -> Vec<Cell> {
     sums.into_iter().filter_map(cell).collect()
 }
 
-/// Irradiance of planes with the given unit normals, summed over texels.
+/// Irradiance on planes with the given unit normals, summed over texels.
 pub fn irradiances<const N: usize>(env: &Environment, normals: [DVec3; N]) -> [[f64; 3]; N] {
     let mut sums = [[0.0; 3]; N];
     each_texel(env, cuts(env, 128), |texel| {
@@ -95,7 +95,7 @@ pub fn irradiances<const N: usize>(env: &Environment, normals: [DVec3; N]) -> [[
     sums
 }
 
-/// Irradiance of a plane with the given unit normal.
+/// Irradiance on a plane with the given unit normal.
 pub fn irradiance(cells: &[Cell], normal: DVec3) -> [f64; 3] {
     let mut sum = [0.0; 3];
     for cell in cells {
@@ -120,7 +120,7 @@ pub fn spiral(n: usize) -> Vec<DVec3> {
         .collect()
 }
 
-/// Cosine of 15 degrees, the radius of the dominant light.
+/// Cosine of 15 degrees, the angle from its centre within which light belongs to the dominant light.
 pub const DOMINANT_COS: f64 = 0.965_925_826_289_068_3;
 
 /// The direction in which the radiance, smoothed by a lobe of 10 degrees, is largest, and the ratio of this
@@ -158,7 +158,7 @@ pub fn dominant(coarse: &[Cell], fine: &[Cell]) -> Option<DVec3> {
     brightest(coarse).map(|(around, _)| centroid(fine, around))
 }
 
-/// Irradiance of a plane from within 15 degrees of `light`, divided by the irradiance from all other directions;
+/// Irradiance on a plane from within 15 degrees of `light`, divided by the irradiance from all other directions;
 /// `None` if the latter is 0. The plane is the ground. If `light` is less than about 6 degrees above the horizon,
 /// the plane faces `light` instead.
 pub fn contrast(cells: &[Cell], light: DVec3, up: DVec3) -> Option<f64> {

@@ -19,8 +19,8 @@ engine::choices! {
     }
 }
 
-/// Number of useful panorama columns per pixel of the side of a cube-map view. A finer panorama would not show more
-/// detail.
+/// Maximum useful number of columns of a panorama, per pixel of the width of a cube-map view. More columns would
+/// not show more detail.
 pub(crate) const COLUMNS_A_PIXEL: u32 = 2;
 
 /// A panorama before its holes are filled.
@@ -120,7 +120,7 @@ pub(crate) fn check_width(width_px: u32) -> Result<(), NodeError> {
         return Ok(());
     }
     Err(NodeError::new(format!(
-        "a panorama with an odd width of {width_px} px has no whole height, which is half its width"
+        "the width of the panorama, {width_px} px, is odd; its height must be half of its width"
     ))
     .at("width_px")
     .hint("use an even number"))

@@ -73,7 +73,7 @@ pub fn around(region: &[usize], (width, len): (usize, usize), steps: usize) -> B
 /// Distance in pixels from each pixel of the mask to the nearest pixel outside it; 0 for pixels outside the mask.
 /// The poles do not count as an edge. Exact Euclidean distance by lower envelopes of parabolas (Felzenszwalb and
 /// Huttenlocher, Distance Transforms of Sampled Functions, 2012). Rows are extended by a quarter turn on both
-/// sides, so no distance exceeds the end of the extension.
+/// sides, so that distances across the left and right edges are found, up to this length.
 pub fn distance_to_edge(mask: &[bool], width: usize) -> Vec<f32> {
     let height = mask.len() / width;
     let far = ((width + height) * (width + height) * 4) as f64;

@@ -31,8 +31,8 @@ pub struct SphereError {
     pub angle_deg: f64,
 }
 
-/// Compares renders of a sphere in both lights. The camera is orthographic and looks along `forward`. `None` if the
-/// reference is black.
+/// Compares renders of a sphere in the compared light and in the reference. The camera is orthographic and looks
+/// along `forward`. `None` if the render in the reference is black.
 pub fn sphere_error(
     sphere: Sphere,
     found: &[Cell],

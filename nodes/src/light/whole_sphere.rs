@@ -49,8 +49,8 @@ pub(crate) fn whole(name: &str, bytes: &[u8], picture: Picture, notes: &mut Note
     Ok(laid(&picture, placement))
 }
 
-/// Ratio of the number of pixels of the whole sphere to that of the picture: 1 unless the picture is a part of a
-/// sphere.
+/// Ratio of the number of pixels of the whole sphere to the number of pixels of the picture; 1 unless the picture
+/// shows only a part of the sphere.
 pub(crate) fn growth(file: &FileHead<'_>) -> f64 {
     let mut head = Vec::new();
     let read = file.open().and_then(|reader| reader.take(gpano::HEAD as u64).read_to_end(&mut head).ok());

@@ -55,7 +55,7 @@ mod tests {
         assert!((0..=255_u8).all(|code| code8(f32::from(code) / 255.0) == code));
     }
 
-    /// Continuous within the precision of the standard's rounded constants.
+    /// The curve is odd, and continuous to the precision of the standard's rounded constants.
     #[test]
     fn the_curve_is_odd_and_continuous() {
         for x in [0.0, 1e-6_f32, 0.003, 0.2, 1.0, 7.5] {

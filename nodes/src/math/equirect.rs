@@ -27,7 +27,8 @@ pub fn direction(up: Up, u: f64, v: f64) -> DVec3 {
     right * (sin_phi * sin_theta) + forward * (cos_phi * sin_theta) + above * cos_theta
 }
 
-/// The point (u, v), u in [0, 1) and v in [0, 1], of a direction of any positive length. At the poles u is 0.5.
+/// The point (u, v) of a direction, which may have any positive length. u is in [0, 1) and v in [0, 1]; at the
+/// poles u is 0.5.
 pub fn uv(up: Up, direction: DVec3) -> (f64, f64) {
     let [right, forward, above] = axes(up);
     let (x, y, z) = (direction.dot(right), direction.dot(forward), direction.dot(above));
@@ -43,7 +44,8 @@ pub fn pixel_solid_angle(width: usize, height: usize, y: usize) -> f64 {
     2.0 * PI / width as f64 * (edge(y) - edge(y + 1))
 }
 
-/// Rotation about the up axis of a world given by its right, forward and up, counter-clockwise seen from above.
+/// Rotation about the up axis of a world, counter-clockwise seen from above. The world is given by its right,
+/// forward and up vectors.
 pub fn yaw([right, forward, up]: [DVec3; 3], degrees: f64) -> DMat3 {
     let (s, c) = num::sin_cos_deg(degrees);
     let basis = DMat3::from_cols(right, forward, up);

@@ -44,13 +44,13 @@ pub fn powf(x: core::primitive::f32, y: core::primitive::f32) -> core::primitive
     libm::pow(x.into(), y.into()) as core::primitive::f32
 }
 
-/// (sine, cosine) of radians.
+/// Sine and cosine of an angle in radians.
 #[inline]
 pub fn sin_cos(x: core::primitive::f64) -> (core::primitive::f64, core::primitive::f64) {
     libm::sincos(x)
 }
 
-/// Sum in f64 in the order of the iterator.
+/// Sum of the values, added in f64 in the order of the iterator.
 pub fn ordered_sum(values: impl IntoIterator<Item = core::primitive::f32>) -> core::primitive::f64 {
     values.into_iter().fold(0.0, |sum, v| sum + core::primitive::f64::from(v))
 }

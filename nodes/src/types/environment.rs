@@ -77,7 +77,7 @@ impl Artifact for Environment {
 
     fn decode(from: &mut Decoder<'_>) -> Result<Self, Corrupt> {
         let Some(Picture::Linear(image)) = Images::decode(from)?.0.pop().map(|image| image.picture) else {
-            return Err(Corrupt("the radiance is not linear".to_owned()));
+            return Err(Corrupt("the radiance is not stored as linear light".to_owned()));
         };
         if image.channels != 3 || image.width == 0 || image.height == 0 {
             return Err(Corrupt("the radiance does not have three channels".to_owned()));

@@ -3,7 +3,7 @@
 use engine::{NodeError, Up};
 use glam::{DMat3, DMat4, DVec3, DVec4};
 
-/// A rotation, a uniform scale and a translation: the transforms that keep the shape of a capture.
+/// A similarity transform: a rotation, a uniform scale and a translation. It preserves the shape of a capture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Similarity {
     /// Rotation, without a reflection.
@@ -19,7 +19,8 @@ impl Similarity {
     pub const IDENTITY: Self = Self { rotation: DMat3::IDENTITY, scale: 1.0, offset: DVec3::ZERO };
 
     /// Converts a matrix of 16 numbers, row by row. Returns an error at the field `matrix` if it is not a
-    /// similarity, that is, if it mirrors, scales unevenly or shears by more than the rounding of numbers in text.
+    /// similarity, that is, if it mirrors, or scales unevenly or shears by more than the rounding of numbers in a
+    /// text can cause.
     pub fn of_rows(rows: &[f64; 16]) -> Result<Self, NodeError> {
         let m = DMat4::from_cols_array(rows).transpose();
         let (linear, offset) = (DMat3::from_mat4(m), m.w_axis.truncate());

@@ -99,7 +99,7 @@ impl<E: Encoding> Image<E> {
     }
 }
 
-/// An image of any encoding, for ports that accept each of them.
+/// An image of any encoding, for ports that accept all encodings.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Picture {
     /// Linear light.
@@ -130,7 +130,7 @@ impl Picture {
         }
     }
 
-    /// (columns, rows, samples per pixel).
+    /// The size as (columns, rows, samples per pixel).
     pub fn size(&self) -> (usize, usize, usize) {
         each_picture!(self, image => (image.width, image.height, image.channels))
     }
@@ -265,7 +265,7 @@ pub(crate) fn samples_difference(
 ) -> Difference {
     if size != other_size {
         return Difference::of(format!(
-            "{name}: {}x{}x{} and {}x{}x{}",
+            "{name}: {}x{}x{} samples compared with {}x{}x{}",
             size.0, size.1, size.2, other_size.0, other_size.1, other_size.2
         ));
     }

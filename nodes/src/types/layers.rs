@@ -44,7 +44,7 @@ pub fn coloured(picture: &Picture) -> Cow<'_, Picture> {
     Cow::Owned(colour.into())
 }
 
-/// The premultiplied linear light of a premultiplied display-encoded channel; 0 where alpha is 0.
+/// The premultiplied linear light of a premultiplied, display-encoded sample; 0 if `alpha` is 0.
 pub fn decoded(encoded: f32, alpha: f32) -> f32 {
     if alpha > 0.0 { linear_from_srgb(encoded / alpha) * alpha } else { 0.0 }
 }
@@ -57,14 +57,18 @@ pub fn linear<'a>(picture: &'a Picture, port: &'static str) -> Result<Cow<'a, Im
     }
     let channels = picture.size().2;
     if !(3..=4).contains(&channels) || matches!(picture, Picture::Data(_)) {
-        let what =
-            format!("`{port}` needs a colour picture, not {} with {channels} channels", picture.encoding());
+        let what = format!(
+            "`{port}` needs a colour picture, but its encoding is `{}` (channels: {channels})",
+            picture.encoding()
+        );
         return Err(NodeError::from(Error::Mismatch(what)).at(port));
     }
     let encoded = match picture {
         Picture::Linear(image) => return Ok(Cow::Borrowed(image)),
         Picture::Srgb(image) => image,
-        Picture::Data(_) => return Err(NodeError::new("data is not a colour").at(port)),
+        Picture::Data(_) => {
+            return Err(NodeError::new("a picture with the encoding `data` has no colours").at(port));
+        }
     };
     let mut samples = encoded.samples.clone();
     for pixel in samples.chunks_exact_mut(channels) {

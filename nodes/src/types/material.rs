@@ -20,7 +20,7 @@ pub struct Sampler {
     pub wrap_u: Wrap,
     /// Wrapping along v.
     pub wrap_v: Wrap,
-    /// True for the texel that contains the point; false for bilinear interpolation.
+    /// True to use the texel that contains the point; false to interpolate bilinearly.
     pub nearest: bool,
 }
 
@@ -70,7 +70,7 @@ pub struct Map {
 }
 
 impl Map {
-    /// A number without a texture.
+    /// A map with the constant value `factor`, without a texture.
     pub const fn of(factor: f32) -> Self {
         Self { factor, texture: None }
     }
@@ -86,7 +86,7 @@ pub struct ColourMap {
 }
 
 impl ColourMap {
-    /// A grey without a texture.
+    /// A map with the constant value `factor` in all three channels, without a texture.
     pub const fn of(factor: f32) -> Self {
         Self { factor: [factor; 3], texture: None }
     }
@@ -97,7 +97,7 @@ impl ColourMap {
 pub struct NormalMap {
     /// The texture, linear.
     pub texture: TextureRef,
-    /// Factor of the x and y components.
+    /// Factor by which the x and y components are multiplied.
     pub scale: f32,
 }
 
@@ -112,7 +112,7 @@ pub enum AlphaMode {
     Blend,
 }
 
-/// KHR_materials_clearcoat: a clear layer of index 1.5 on top of all others.
+/// KHR_materials_clearcoat: a clear layer with an index of refraction of 1.5, on top of all other layers.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Clearcoat {
     /// Strength, 0 to 1; red channel of the texture.
@@ -126,7 +126,7 @@ pub struct Clearcoat {
 /// KHR_materials_sheen: fibres that reflect at grazing angles.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sheen {
-    /// Reflectance; black for none.
+    /// Reflectance of the fibres; black if there is no sheen.
     pub colour: ColourMap,
     /// Perceptual roughness, 0 to 1; alpha channel.
     pub roughness: Map,
@@ -141,7 +141,7 @@ pub struct Specular {
     pub colour: ColourMap,
 }
 
-/// KHR_materials_anisotropy: brushed surfaces.
+/// KHR_materials_anisotropy: reflections that are stretched in one direction, as on brushed metal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Anisotropy {
     /// Strength, 0 to 1; blue channel.
@@ -166,7 +166,8 @@ pub struct Iridescence {
     pub thickness_texture: Option<TextureRef>,
 }
 
-/// KHR_materials_diffuse_transmission: leaves, paper and cloth lit from behind.
+/// KHR_materials_diffuse_transmission: diffuse light that passes through thin surfaces such as leaves, paper and
+/// cloth.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DiffuseTransmission {
     /// Fraction of the diffuse light that leaves on the other side, 0 to 1; alpha channel.
@@ -279,7 +280,7 @@ impl Material {
         self.clone().walk(&mut Write(to)).ok();
     }
 
-    /// Reads the encoding of [`encode`](Self::encode), for an object with this number of textures.
+    /// Reads a material that [`encode`](Self::encode) wrote, for an object with this number of textures.
     pub(super) fn decode(from: &mut Decoder<'_>, textures: usize) -> Result<Self, Corrupt> {
         let mut material = Self { name: from.str()?, ..Self::default() };
         material.walk(&mut Read { from, textures })?;
@@ -438,7 +439,11 @@ impl Fields for Read<'_, '_> {
     fn numbers(&mut self, v: &mut [f32]) -> Result<(), Corrupt> {
         let read = self.from.f32s()?;
         if read.len() != v.len() {
-            return Err(Corrupt(format!("a field has {} numbers instead of {}", read.len(), v.len())));
+            return Err(Corrupt(format!(
+                "a field of a material has {} numbers instead of {}",
+                read.len(),
+                v.len()
+            )));
         }
         v.copy_from_slice(&read);
         Ok(())
@@ -450,7 +455,7 @@ impl Fields for Read<'_, '_> {
     fn texture_index(&mut self, v: &mut TextureRef) -> Result<(), Corrupt> {
         (v.texture, v.uv_set) = (self.from.u32()?, self.from.u32()?);
         if v.texture as usize >= self.textures || v.uv_set > 1 {
-            return Err(Corrupt(format!("a material refers to texture {} of {}", v.texture, self.textures)));
+            return Err(Corrupt(format!("a material refers to texture {}, which does not exist", v.texture)));
         }
         Ok(())
     }

@@ -66,7 +66,7 @@ impl Artifact for Mesh {
             return Difference::none();
         }
         Difference::of(format!(
-            "{} vertices and {} triangles, not {} and {}",
+            "{} vertices and {} triangles compared with {} and {}",
             self.positions.len(),
             self.triangles.len(),
             other.positions.len(),
@@ -81,6 +81,6 @@ pub(crate) fn grouped<T: Copy, const N: usize>(flat: Vec<T>) -> Result<Vec<[T; N
     if rest.is_empty() {
         Ok(whole.to_vec())
     } else {
-        Err(Corrupt(format!("a count is not a multiple of {N}")))
+        Err(Corrupt(format!("the number of values in a list is not a multiple of {N}")))
     }
 }

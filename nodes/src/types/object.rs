@@ -25,7 +25,7 @@ pub struct Primitive {
     pub uv1: Vec<[f32; 2]>,
     /// Linear vertex colours and alpha, multiplied into the base colour.
     pub colours: Vec<[f32; 4]>,
-    /// Counter-clockwise triangles, indices below the number of vertices.
+    /// Counter-clockwise triangles of vertex indices, each below the number of vertices.
     pub triangles: Vec<[u32; 3]>,
     /// Index into [`Object::materials`].
     pub material: u32,

@@ -17,7 +17,7 @@ pub struct Panorama {
     pub alpha: Image<Data>,
     /// The axis of the world that points up; determines the direction of every pixel.
     pub up: Up,
-    /// Point where it was taken, in world units, if known.
+    /// Point from which the panorama was taken, in world units, if known.
     pub origin: Option<DVec3>,
     /// Rotation about the up axis that was applied when the panorama was loaded, in degrees, counter-clockwise seen
     /// from above. Other photographs of the same place need the same rotation.
@@ -48,7 +48,7 @@ pub struct Brackets {
     pub exposures: Vec<Image<Srgb>>,
     /// Source of the exposures.
     pub taken: Taken,
-    /// The method that was used, and each region that it found.
+    /// Report with the method that was used and the regions that it found.
     pub report: Report,
 }
 
@@ -65,7 +65,7 @@ pub(crate) fn decode_up(from: &mut Decoder<'_>) -> Result<Up, Corrupt> {
         0 => Up::PlusY,
         1 => Up::MinusY,
         2 => Up::PlusZ,
-        other => return Err(Corrupt(format!("{other} is not an up axis"))),
+        other => return Err(Corrupt(format!("the code {other} of the up axis is unknown"))),
     })
 }
 
@@ -87,7 +87,7 @@ fn decode_picture(from: &mut Decoder<'_>) -> Result<Picture, Corrupt> {
         .0
         .pop()
         .map(|image| image.picture)
-        .ok_or_else(|| Corrupt("a picture is missing".to_owned()))
+        .ok_or_else(|| Corrupt("a set that must contain one picture is empty".to_owned()))
 }
 
 impl Artifact for Panorama {
@@ -105,7 +105,9 @@ impl Artifact for Panorama {
     fn decode(from: &mut Decoder<'_>) -> Result<Self, Corrupt> {
         let image = decode_picture(from)?;
         let Picture::Data(alpha) = decode_picture(from)? else {
-            return Err(Corrupt("the alpha of a panorama is not data".to_owned()));
+            return Err(Corrupt(
+                "the alpha of a panorama is stored as colours instead of as plain numbers".to_owned(),
+            ));
         };
         if image.size().2 != 3
             || (alpha.width, alpha.height, alpha.channels) != (image.size().0, image.size().1, 1)
@@ -123,11 +125,15 @@ impl Artifact for Panorama {
     fn difference(&self, other: &Self) -> Difference {
         if self.up != other.up || self.origin != other.origin {
             let from = |pano: &Self| pano.origin.map_or("an unknown place".to_owned(), |p| p.to_string());
-            return Difference::of(format!("captured at {} and {}", from(self), from(other)));
+            return Difference::of(format!(
+                "one was captured at {}, the other at {}",
+                from(self),
+                from(other)
+            ));
         }
         if self.turned_deg != other.turned_deg {
             return Difference::of(format!(
-                "rotated by {} and {} degrees",
+                "one is rotated by {} degrees, the other by {} degrees",
                 self.turned_deg, other.turned_deg
             ));
         }
@@ -157,7 +163,7 @@ impl Artifact for Brackets {
 
     fn decode(from: &mut Decoder<'_>) -> Result<Self, Corrupt> {
         let Picture::Data(log2_gain) = decode_picture(from)? else {
-            return Err(Corrupt("a gain map is not data".to_owned()));
+            return Err(Corrupt("the gain map is stored as colours instead of as plain numbers".to_owned()));
         };
         let evs = from.f64s()?;
         let exposures = evs
@@ -171,7 +177,9 @@ impl Artifact for Brackets {
             0 => Taken::Derived,
             1 => Taken::Display,
             2 => Taken::Linear,
-            other => return Err(Corrupt(format!("{other} is not a source of exposures"))),
+            other => {
+                return Err(Corrupt(format!("the code {other} of the source of the exposures is unknown")));
+            }
         };
         Ok(Self { log2_gain, evs, exposures, taken, report: Report::decode(from)? })
     }

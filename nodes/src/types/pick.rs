@@ -1,4 +1,4 @@
-//! Choice of cameras: a name, a pattern, a range, or an index, which an axis of numbers gives.
+//! Choice of cameras by name, pattern, range or index. An axis of numbers chooses cameras by index.
 
 use std::collections::BTreeSet;
 
@@ -62,7 +62,7 @@ pub(crate) fn stem(picture: &str) -> &str {
     }
 }
 
-/// Number of chosen cameras, if all are chosen by index, so that it does not depend on the file.
+/// Number of chosen cameras; `None` unless all are chosen by index, since otherwise the number depends on the file.
 pub(crate) fn count_of(wishes: &[Pick]) -> Option<usize> {
     let index = |Pick(wish): &Pick| range(wish).filter(|(start, end, _)| start.checked_add(1) == Some(*end));
     let indices: BTreeSet<usize> = wishes.iter().map(|wish| Some(index(wish)?.0)).collect::<Option<_>>()?;
@@ -88,14 +88,14 @@ pub(crate) fn chosen(wishes: &[Pick], names: &[String], pictures: &[&str]) -> Re
         if found.is_empty() {
             let some = names.iter().take(5).map(String::as_str).collect::<Vec<_>>().join(", ");
             return Err(NodeError::new(format!("`{wish}` picks none of the {} cameras", names.len()))
-                .hint(format!("the first ones are {some}")));
+                .hint(format!("the first cameras are {some}")));
         }
         chosen.extend(found.into_iter().filter(|index| !std::mem::replace(&mut taken[*index], true)));
     }
     Ok(chosen)
 }
 
-/// Parses `2..5`, `2..` and `0..400..8`.
+/// Parses a range such as `2..5`, `2..` or `0..400..8` to (start, end, step).
 fn range(wish: &str) -> Option<(usize, usize, usize)> {
     let parts: Vec<&str> = wish.split("..").collect();
     let (start, end, step) = match parts[..] {

@@ -40,6 +40,6 @@ impl Artifact for Pose {
         if self == other {
             return Difference::none();
         }
-        Difference::of(format!("moved by {:.4}", (self.translation() - other.translation()).length()))
+        Difference::of(format!("moved by {:.4} units", (self.translation() - other.translation()).length()))
     }
 }

@@ -68,7 +68,7 @@ impl Camera {
         self.world_from_camera().w_axis.truncate()
     }
 
-    /// A unit vector in the world, through the point (x, y) of the image in pixels.
+    /// The unit vector in the world from the camera through the point (x, y) of the image, in pixels.
     pub fn direction(&self, x: f64, y: f64) -> DVec3 {
         let local = DVec3::new((x - self.cx) / self.fx, (y - self.cy) / self.fy, 1.0);
         self.world_from_camera().transform_vector3(local).normalize()

@@ -9,7 +9,7 @@ use super::rig::{Camera, Rig};
 /// Encoding in which the colours of splats were trained and are blended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SplatEncoding {
-    /// Display values, similar to sRGB. Nearly every capture has them.
+    /// Display values, similar to sRGB. Nearly all captures use this encoding.
     Srgb,
     /// Linear light, if the file specifies it.
     Linear,
@@ -161,7 +161,7 @@ pub struct View {
     pub depth: Image<Data>,
 }
 
-/// Views from each camera of a rig. Port type `views`.
+/// Views of a splat scene, one per camera of a rig. Port type `views`.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Views(pub Vec<View>);
 
@@ -185,9 +185,11 @@ impl Artifact for Views {
             let [colour, depth]: [NamedImage; 2] = Images::decode(from)?
                 .0
                 .try_into()
-                .map_err(|_| Corrupt("a view does not have two images".to_owned()))?;
+                .map_err(|_| Corrupt("a view must consist of two pictures, colour and depth".to_owned()))?;
             let Picture::Data(depth) = depth.picture else {
-                return Err(Corrupt("the depth of a view is not data".to_owned()));
+                return Err(Corrupt(
+                    "the depth of a view is stored as colours instead of as plain numbers".to_owned(),
+                ));
             };
             views.push(View { camera, colour: colour.picture, depth });
         }

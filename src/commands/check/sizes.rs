@@ -67,7 +67,7 @@ fn wire(graph: &Graph, node: usize, input: &str) -> Option<Wire> {
     node.inputs[port].first().copied()
 }
 
-/// The sizes of an output; `None` if they are known only after a run.
+/// The sizes of the pictures or cameras of an output; `None` if they are known only after a run.
 fn sizes(graph: &Graph, wire: Wire, known: &mut [Option<Option<Sizes>>]) -> Option<Sizes> {
     // Follows inputs up to the first node with its own size. This is a loop, since graphs may be deep.
     let (mut at, mut path) = (wire, Vec::new());
@@ -91,7 +91,7 @@ fn sizes(graph: &Graph, wire: Wire, known: &mut [Option<Option<Sizes>>]) -> Opti
     found
 }
 
-/// The sizes of the pictures or cameras that a node makes or loads.
+/// The sizes of the pictures or cameras that a node makes or loads, from its parameters and input files.
 fn own(graph: &Graph, node: usize) -> Option<Sizes> {
     let node = &graph.nodes[node];
     let pair = |width: u32, height: u32| vec![[u64::from(width), u64::from(height)]];

@@ -52,7 +52,7 @@ fn too_large() -> Error {
     Error::usage("this graph is too large to draw as SVG; draw it with `--format dot` and Graphviz")
 }
 
-/// The word and the fill colour of a state.
+/// The word and the fill colour with which the drawing shows the state of a node.
 fn state(fate: &Fate) -> (&'static str, &'static str) {
     match fate {
         Fate::Known => ("known", "#cfe8cf"),

@@ -25,7 +25,7 @@ struct Entry {
 }
 
 /// Maximum number of entries of a drawing. A long chain of nodes, each of which is also wired to the last node,
-/// would have millions.
+/// would need millions of entries.
 const MOST_ENTRIES: usize = 50_000;
 
 /// The SVG text; `None` for a graph that is too large.

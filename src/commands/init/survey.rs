@@ -68,7 +68,7 @@ pub struct Survey {
     pub arranged: Arrangement,
     /// Translation of the pose: the position of the origin of the object's file, in world units.
     pub translation: DVec3,
-    /// Rotation of the object about up, in degrees.
+    /// Rotation of the object about the up axis, in degrees.
     pub yaw_deg: f64,
 }
 
@@ -222,8 +222,8 @@ fn rounded(value: f64, decimals: usize) -> f64 {
     if whole == 0.0 { 0.0 } else { whole }
 }
 
-/// The yaw, in degrees, with which the front of an object (+z of glTF) points about 20 degrees past the direction
-/// `towards`. Rounded to a multiple of 5 degrees.
+/// The yaw, in degrees, that turns the front of an object (+z of glTF) to the direction `towards`, plus 20 degrees,
+/// so that the object is seen slightly from the side. Rounded to a multiple of 5 degrees.
 fn facing(towards: DVec3, up: Up) -> f64 {
     let [right, forward, _] = axes(up);
     // Front of glTF in the world is the opposite of forward.
@@ -232,7 +232,7 @@ fn facing(towards: DVec3, up: Up) -> f64 {
     (angle / 5.0).round() * 5.0
 }
 
-/// Rotates a vector about up, counter-clockwise seen from above.
+/// Rotates a vector about the up axis, counter-clockwise seen from above.
 fn yaw(up: Up, degrees: f64, v: DVec3) -> DVec3 {
     let [right, forward, above] = axes(up);
     let (s, c) = nodes::math::num::sin_cos(degrees.to_radians());

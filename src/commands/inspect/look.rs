@@ -28,7 +28,7 @@ const VIEW: [usize; 2] = [664, 498];
 const VIEWS: usize = 4;
 /// Width and height of the printed cameras, in pixels.
 const PRINTED: [u32; 2] = [1280, 720];
-/// Height of the eyes above the floor, in metres.
+/// Height of the cameras of the views above the floor, in metres: the eye level of a person.
 const EYES: f64 = 1.55;
 /// Width of the picture of a panorama, in pixels.
 const PANORAMA: usize = 1600;
@@ -112,7 +112,7 @@ pub(super) fn of_splats(file: &Path, cameras: Option<&Path>) -> Result<Drawn, No
         );
     }
     if let Some(matrix) = &standing.matrix {
-        let text = "the capture is tilted; the plan and the views below apply if its loaders contain:";
+        let text = "the capture is tilted; the plan and the views below apply if the loaders of the capture contain:";
         let _ = writeln!(lines, "{:>14}  {text}\n{:>14}  matrix: {}", "note", "", row_major(matrix));
     }
     let shown = Shown {
@@ -191,7 +191,7 @@ pub(super) fn of_panorama(file: &Path, bytes: &[u8]) -> Result<Drawn, NodeError>
     );
     let _ = writeln!(
         lines,
-        "{:>14}  {:.3}, {azimuth:.1} degrees right of forward, {rise:.1} above the horizon; 95 % of the pixels are below {white:.3}",
+        "{:>14}  {:.3}, {azimuth:.1} degrees right of forward, {rise:.1} degrees above the horizon; 95 % of the pixels are below {white:.3}",
         "brightest", peak.1
     );
     Ok((canvas.png()?, lines))

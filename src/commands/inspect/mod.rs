@@ -124,7 +124,7 @@ impl Inspect {
         Ok(splats::failed(&failed))
     }
 
-    /// Writes the picture, if one is requested, and prints its lines.
+    /// Writes the picture, if one is requested, and prints the lines that describe it.
     fn draw(&self, make: impl FnOnce() -> Result<(Vec<u8>, String), NodeError>) -> Result<u8, Error> {
         let Some(path) = &self.picture else { return Ok(0) };
         let (png, lines) = match make() {

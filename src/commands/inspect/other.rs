@@ -9,7 +9,7 @@ const PICTURES: [&[u8]; 6] =
 /// reads.
 const CAMERAS: [&str; 5] = ["\"fx\"", "\"rotation\"", "\"camera_angle_x\"", "\"frames\"", "\"fl_x\""];
 
-/// True if a file is a picture, by its first bytes.
+/// True if a file that begins with `bytes` is a picture.
 pub(super) fn is_picture(bytes: &[u8]) -> bool {
     PICTURES.iter().any(|begin| bytes.starts_with(begin))
 }

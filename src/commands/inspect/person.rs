@@ -45,7 +45,7 @@ impl Ruler {
     }
 }
 
-/// Lines with a name and a value.
+/// Lines of text, each with a name and a value.
 struct Lines(String);
 
 impl Lines {

@@ -84,7 +84,7 @@ impl Run {
             let chosen;
             (loaded, chosen) = budget::to_error(loaded, error)?;
             if !chosen.is_empty() {
-                let why = "with an error bound, the maximum number of samples is that of the graph, not that of a preset";
+                let why = "with `--max-error`, the maximum number of samples is taken from the graph, not from a preset";
                 self.print_chosen(json!({"max_error": error}), &chosen, why);
             }
         }
@@ -143,7 +143,7 @@ impl Run {
                 [begin.elapsed(), time].map(|time| terminal::seconds_text(time.as_secs_f64()));
             report.show(&Event::Warning {
                 id: "time-missed",
-                text: format!("the run took {took}, more than the {asked} of `--time`"),
+                text: format!("the run took {took}, longer than the {asked} that `--time` allows"),
             });
         }
         end.iter().for_each(|end| report.show(end));

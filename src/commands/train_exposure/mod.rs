@@ -155,7 +155,7 @@ fn read_folder(folder: &Path) -> Result<Vec<(String, nodes::types::Image<nodes::
 }
 
 /// Formats the mean and median errors, in stops, over panoramas that were not in the training set. There is one row
-/// for each measure; `of` is appended to its title.
+/// for each measure; `of` is appended to the title of each row.
 fn table(of: &str, scores: &[Score]) -> String {
     if scores.is_empty() {
         return String::new();

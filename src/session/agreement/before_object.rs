@@ -1,4 +1,4 @@
-//! Finds splats in front of an inserted object, by the pictures of a run.
+//! Finds splats in front of an inserted object, from the pictures of a run.
 
 use std::collections::BTreeSet;
 
@@ -8,8 +8,8 @@ use nodes::types::{Images, Picture};
 
 use super::{Finding, of_kind, wires};
 
-/// Maximum number of pairs that are compared, each of a picture of splats and a trace. This bounds the time of the
-/// check. Only the first view of each pair is compared.
+/// Maximum number of compared pairs. A pair consists of a picture of splats and a trace; only its first view is
+/// compared. This bounds the time of the check.
 const MOST_PAIRS: usize = 4;
 /// Splats in front of an object are reported if they cover at least this share of its pixels. A smaller share is
 /// normal, because splats are wider than the mesh that they agree with: along the edge of a post in front of an

@@ -43,7 +43,7 @@ pub(crate) fn path(name: &str, uri: &str) -> Result<String, Error> {
         return Err(Error::unsupported(
             name,
             format!(
-                "the address `{uri}`: only relative paths are read, such as `textures/wood.png` or `../wood.png`"
+                "the address `{uri}`; only relative paths are read, such as `textures/wood.png` or `../wood.png`"
             ),
         ));
     }

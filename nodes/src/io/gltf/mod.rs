@@ -20,7 +20,7 @@ use container::split;
 pub use accessor::Numbers;
 pub use container::{json_in, json_of};
 
-/// Parts of a file to read.
+/// The parts of a file that are read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Want {
     /// Shapes only.
@@ -56,12 +56,12 @@ pub const SUPPORTED: [&str; 19] = [
 /// Advice on how to save a file without an unsupported extension.
 fn advice(extension: &str) -> &'static str {
     match extension {
-        "KHR_draco_mesh_compression" => ": Draco compression; save the file without it",
+        "KHR_draco_mesh_compression" => " (Draco compression); save the file without it",
         "EXT_meshopt_compression" | "KHR_meshopt_compression" => {
-            ": meshopt compression; save the file without it"
+            " (meshopt compression); save the file without it"
         }
-        "KHR_texture_basisu" => ": KTX2 textures; save them as PNG or JPEG",
-        "EXT_texture_avif" => ": AVIF textures; save them as PNG or JPEG",
+        "KHR_texture_basisu" => " (KTX2 textures); save them as PNG or JPEG",
+        "EXT_texture_avif" => " (AVIF textures); save them as PNG or JPEG",
         _ => "",
     }
 }
@@ -86,7 +86,7 @@ pub fn parse(name: &str, bytes: &[u8]) -> Result<File, Error> {
             name,
             format!("{format}: objects must be glTF or GLB; open the file in a program that reads it, such as Blender, and export glTF 2.0"),
         ),
-        None => Error::format(name, format!("neither GLB nor glTF: its JSON does not parse: {e}")),
+        None => Error::format(name, format!("the file is neither GLB nor glTF; its JSON does not parse ({e})")),
     })?;
     let version = json["asset"]["version"].as_str().unwrap_or_default().to_owned();
     if !version.starts_with("2.") {
@@ -215,7 +215,9 @@ fn check_accessors(name: &str, json: &Value) -> Result<(), Error> {
         if !attributes.chain([&primitive["indices"]]).all(known) {
             return Err(Error::format(
                 name,
-                format!("not valid glTF: a primitive names an accessor beyond the last of {count}"),
+                format!(
+                    "not valid glTF: a primitive refers to an accessor that does not exist (the file has {count} accessors)"
+                ),
             ));
         }
     }
@@ -227,7 +229,7 @@ impl File {
         Error::format(&self.name, what)
     }
 
-    /// The other files that the buffers and, if requested, the pictures refer to; each once, in order.
+    /// Paths of the other files that the buffers and, if requested, the pictures refer to; each once, sorted.
     pub fn beside(&self, want: Want) -> Result<Vec<String>, Error> {
         let lists: &[&str] = if want == Want::Geometry { &["buffers"] } else { &["buffers", "images"] };
         let mut paths = BTreeSet::new();

@@ -90,7 +90,9 @@ pub(super) fn read(
                 text.push(b'\n');
             }
             Err(_) => {
-                let what = format!("the material file `{library}` cannot be read; its faces are white");
+                let what = format!(
+                    "the material file `{library}` cannot be read; the faces that use its materials are white"
+                );
                 notes.degraded("materials-missing", what);
             }
         }
@@ -145,7 +147,9 @@ pub(super) fn read(
             material: mesh.material_id,
         });
     }
-    notes
-        .decision("frame-of-obj", "OBJ has neither axes nor a unit: y is taken as up, and a unit as a metre");
+    notes.decision(
+        "frame-of-obj",
+        "OBJ defines neither an up axis nor a unit; y is assumed to be up, and the unit to be the metre",
+    );
     Ok(())
 }

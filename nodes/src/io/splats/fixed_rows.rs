@@ -36,7 +36,7 @@ impl Field {
     }
 }
 
-/// An element: rows that have the same fields.
+/// An element of a PLY file: rows that have the same fields.
 #[derive(Debug)]
 pub struct Element {
     /// Name in the file: `vertex`.
@@ -58,7 +58,8 @@ impl Element {
         self.fields.iter().find(|(known, _)| known == name).map(|(_, field)| *field)
     }
 
-    /// The bytes of the rows. If the file is too short, the error states how many rows it holds.
+    /// The bytes of the rows of this element. If the file is too short, the error states how many rows the file
+    /// holds.
     pub fn rows<'a>(&self, file: &str, bytes: &'a [u8]) -> Result<&'a [u8], Error> {
         let Some(start) = self.start.filter(|_| !self.varies) else {
             let feature = format!("a list property in or before the element `{}`", self.name);

@@ -50,8 +50,8 @@ pub struct Turn {
     matrix: DMat3,
     scale: f64,
     offset: DVec3,
-    /// Rotation of a Gaussian (w, x, y, z): the rotation of `matrix`, or of its negative if `matrix` is a mirror
-    /// image. Both transform a Gaussian equally, since it is symmetric about its centre.
+    /// Rotation of a Gaussian (w, x, y, z): the rotation of `matrix` or, if `matrix` is a mirror image, of its
+    /// negative. Both matrices transform a Gaussian equally, since it is symmetric about its centre.
     quat: [f64; 4],
     sh: ShTurn,
 }

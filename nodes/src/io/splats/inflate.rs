@@ -6,7 +6,7 @@ use std::io::Read;
 
 use crate::error::Error;
 
-/// Maximum ratio of deflate: 258 bytes from 2 bits, about 1032 to 1 (RFC 1951, section 3.2.5).
+/// Maximum compression ratio of deflate: 258 bytes from 2 bits, about 1032 to 1 (RFC 1951, section 3.2.5).
 pub const DEFLATE_RATIO: usize = 1032;
 
 /// Unpacks a whole gzip stream and verifies its checksum. `limit` computes the maximum length of the output from

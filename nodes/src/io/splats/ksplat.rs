@@ -13,8 +13,8 @@ use crate::error::Error;
 
 const HEADER: usize = 4096;
 const SECTION_HEADER: usize = 1024;
-/// Default for the range of harmonics that are stored as bytes: from minus to plus this value. Used if the file
-/// does not define a range (`Constants.js`).
+/// Harmonics that are stored as bytes range from minus this value to this value if the file does not define a range
+/// (`Constants.js`).
 const HALF_RANGE: f64 = 1.5;
 
 /// Layout of a row at a level of compression.

@@ -104,7 +104,7 @@ impl Reading<'_> {
 /// The content of one file: its rows and their properties.
 pub(crate) struct Loaded {
     parts: Vec<Part>,
-    /// Number of rows of the file, including dropped ones.
+    /// Number of rows of the file, including dropped rows.
     count: usize,
     /// Degree of the harmonics in memory.
     sh_degree: u32,
@@ -124,7 +124,11 @@ impl Loaded {
     /// Appends another part of the same file.
     fn join(mut self, file: &str, other: Self) -> Result<Self, NodeError> {
         if self.antialiased != other.antialiased || self.encoding != other.encoding {
-            return Err(Error::format(file, "the splats differ in their filter or colour space").into());
+            return Err(Error::format(
+                file,
+                "the parts of the file do not have the same antialiasing and colour space",
+            )
+            .into());
         }
         let degree = self.sh_degree.max(other.sh_degree);
         self.widen(degree);
@@ -232,11 +236,11 @@ pub(crate) fn assemble(mut files: Vec<Loaded>, cx: &Context) -> Result<Splats, N
     let first = files.first().map(|file| (file.antialiased, file.encoding));
     let (antialiased, encoding) = first.unwrap_or((false, SplatEncoding::Srgb));
     for (what, differs) in [
-        ("were trained antialiased", files.iter().any(|file| file.antialiased != antialiased)),
-        ("hold linear colours", files.iter().any(|file| file.encoding != encoding)),
+        ("trained with antialiasing", files.iter().any(|file| file.antialiased != antialiased)),
+        ("stored in linear colours", files.iter().any(|file| file.encoding != encoding)),
     ] {
         if differs {
-            let what = format!("some of the files say that they {what} and some do not");
+            let what = format!("some of the files contain splats {what}, and others do not");
             return Err(NodeError::new(what).at("more").hint("load them as separate scenes"));
         }
     }

@@ -11,9 +11,9 @@ const CHUNK: usize = 16_384;
 /// A part of a scene: the rows of one job.
 #[derive(Default)]
 pub struct Part {
-    /// The splats that can be drawn.
+    /// The rows that were not dropped.
     pub rows: Vec<Row>,
-    /// Colours of these splats: the degree of the file determines the number of RGB triples per splat.
+    /// Colours of the rows: for each row, as many RGB triples as the degree of the file requires.
     pub sh: Vec<[f32; 3]>,
     /// Number of dropped rows, by reason.
     pub dropped: [u64; RowFault::ALL.len()],

@@ -168,7 +168,11 @@ pub(super) fn load(
         notes.decision("filter-3d", format!("`filter_3D` of `{file}` is applied to scales and opacities"));
     }
     if !layout.unused.is_empty() {
-        let text = format!("`{file}`: {} fields are ignored: {}", layout.unused.len(), some(&layout.unused));
+        let text = format!(
+            "fields of `{file}` that are ignored ({}): {}",
+            layout.unused.len(),
+            some(&layout.unused)
+        );
         notes.decision("fields-passed-over", text);
     }
     let turn = reading.turn(file, None, false, notes);

@@ -30,7 +30,7 @@ impl RowFault {
         Self::NoSuchEntry,
     ];
 
-    /// Stable id of the note that counts it.
+    /// Stable id of the note that reports the number of rows with this fault.
     pub fn id(self) -> &'static str {
         match self {
             Self::NotFinite => "not-finite",
@@ -151,8 +151,8 @@ impl Row {
     }
 }
 
-/// The quaternion from three of its components. The omitted component is the largest, and positive; `which` is its
-/// index in the result.
+/// Restores a quaternion from three of its components. The omitted component is the largest and is positive;
+/// `which` is its index in the result.
 pub fn largest_left_out(which: usize, [a, b, c]: [f64; 3]) -> [f64; 4] {
     let d = (1.0 - (a * a + b * b + c * c)).max(0.0).sqrt();
     match which {
@@ -172,7 +172,7 @@ pub fn unit(quat: [f64; 4]) -> Option<[f32; 4]> {
     (largest != 0.0).then(|| quat.map(|q| (q / length) as f32))
 }
 
-/// The factor of the constant function: colour = 0.5 + this times the coefficient.
+/// The value of the constant spherical harmonic: a colour is 0.5 plus this value times the constant coefficient.
 pub const SH_C0: f64 = 0.282_094_791_773_878_14;
 
 /// Number of coefficients per channel for a degree, without the constant coefficient.

@@ -234,8 +234,8 @@ struct Pixels {
     rgba: Vec<u8>,
 }
 
-/// Maximum number of pixels per byte of a lossless picture. WebP itself has no limit for flat pictures. Pictures of
-/// 64 x 64 pixels are always allowed.
+/// Maximum number of pixels per byte of a lossless picture. WebP itself has no such limit for pictures of a single
+/// colour. Pictures of 64 x 64 pixels are always allowed.
 const DENSEST: u64 = 4096;
 
 impl Pixels {

@@ -12,7 +12,7 @@ use super::{ksplat, splat, spz, usda};
 use crate::error::Error;
 use crate::io::foreign::{BYTE_ORDER_MARK, json_text, refuse_foreign};
 
-/// File extensions of splats.
+/// Extensions of files that may contain splats.
 const ENDINGS: [&str; 8] = [".ply", ".spz", ".sog", ".json", ".glb", ".gltf", ".ksplat", ".splat"];
 
 /// A format of splats.
@@ -108,7 +108,7 @@ impl Format {
         let what = match named {
             _ if bytes.is_empty() => "the file is empty".to_owned(),
             Some(ending) => format!(
-                "its {} bytes begin neither like a `{ending}` file nor like a file of another splat format; is the file complete?",
+                "the {} bytes of the file begin neither like a `{ending}` file nor like a file of another splat format; is the file complete?",
                 bytes.len()
             ),
             None => "not a known format of splats (PLY, compressed PLY, SOG, SPZ, .splat, .ksplat, glTF)"
@@ -186,15 +186,15 @@ pub fn expand(file: &InputFile, path: &Path, level: u32) -> Result<Expanded, Nod
         }
     }
     if chunks.is_empty() {
-        let what = format!("the folder `{}` holds no SOG scene", file.0);
+        let what = format!("the folder `{}` contains no SOG scene", file.0);
         return Err(NodeError::new(what).hint("name a file, or a folder with `meta.json` or with chunks"));
     }
     chunks.sort();
     let mut all = Expanded::of(chunks.iter().map(|name| inside(name)).collect());
     if looks_like_levels(&chunks) {
         let text = format!(
-            "the folder `{}` holds chunks named as levels of a streamed SOG, without its `{}`: all of them are \
-             joined; name one of them if they are levels of the same scene",
+            "the folder `{}` contains chunks whose names are those of the levels of a streamed SOG, but not its `{}`. All chunks are \
+             joined; if they are levels of the same scene, name one chunk instead of the folder",
             file.0,
             streamed::NAME
         );

@@ -33,8 +33,8 @@ const EXTENSIONS: usize = 1 << 20;
 /// same limit. In captures, the number is at most 3.
 const ZSTD_RATIO: f64 = 1024.0;
 
-/// Factor by which the coefficients of the constant colour are multiplied before 0.5 is added and they are stored.
-/// A stored byte of 255 stands for 1.
+/// A coefficient `c` of the constant colour is stored as `c * COLOUR_SCALE + 0.5`, in a byte whose value 255 stands
+/// for 1.
 pub(crate) const COLOUR_SCALE: f64 = 0.15;
 /// Type of the extension that defines the axes.
 const COORDINATE_SYSTEM: u32 = 0xadbe_0003;
@@ -174,7 +174,8 @@ fn unpack_4(file: &str, bytes: &[u8], header: Header) -> Result<Attributes, Erro
     Ok(Attributes { header, count, streams, extensions, left_over: bytes.len() - at })
 }
 
-/// The orthogonal map from the axes that an extension defines to right, up, back; `None` without that extension.
+/// The orthogonal map from the axes that an extension defines to right, up, back; `None` if the file does not
+/// contain that extension.
 fn named_axes(file: &str, flags: u8, mut records: &[u8]) -> Result<Option<DMat3>, Error> {
     if flags & EXTENDED == 0 {
         return Ok(None);

@@ -47,7 +47,7 @@ pub(crate) struct Level {
     pub levels: usize,
 }
 
-/// True for the JSON of a streamed scene.
+/// True if the bytes are the JSON of a streamed scene.
 pub(super) fn is_streamed(bytes: &[u8]) -> bool {
     #[derive(Deserialize)]
     struct Peek {
@@ -106,7 +106,7 @@ pub(super) fn level(file: &str, bytes: &[u8], wanted: u32) -> Result<Level, Erro
     Ok(Level { files, levels: finest })
 }
 
-/// Sorts ranges and joins adjacent ones. It is an error if they overlap, since regions do not share splats.
+/// Sorts ranges and joins adjacent ranges. It is an error if ranges overlap, since regions do not share splats.
 fn joined(file: &str, mut spans: Vec<(u64, u64)>) -> Result<Ranges, Error> {
     spans.sort_unstable();
     let mut all: Ranges = Vec::new();

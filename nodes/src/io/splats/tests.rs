@@ -366,7 +366,9 @@ fn files_that_were_cut_off_are_reported_as_what_they_were() {
     };
     let splat = build::splat(3);
     assert!(reported("a", &splat[..90]).contains("2 complete splats of 32 bytes, then 26 bytes"));
-    assert!(reported("a.splat", &splat[..20]).contains("its 20 bytes begin neither like a `.splat`"));
+    assert!(
+        reported("a.splat", &splat[..20]).contains("the 20 bytes of the file begin neither like a `.splat`")
+    );
     let mut ksplat = build::ksplat(1, 1);
     // Some writers leave out the number in use and the capacity.
     ksplat[8..16].fill(0);

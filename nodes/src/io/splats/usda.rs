@@ -133,7 +133,7 @@ impl<'a> Scan<'a> {
     }
 }
 
-/// A value of the metadata at the start of the file.
+/// The value of the setting `name` in the metadata at the start of the file.
 fn setting<'a>(metadata: &'a str, name: &str) -> Option<&'a str> {
     let line = metadata
         .lines()
@@ -153,8 +153,7 @@ fn local(scan: &Scan<'_>, prim: &Prim) -> Result<DMat4, Error> {
             ("translate", &[x, y, z]) => DMat4::from_translation(DVec3::new(x, y, z)),
             ("scale", &[x, y, z]) => DMat4::from_scale(DVec3::new(x, y, z)),
             _ => {
-                let what =
-                    format!("the transform `{name}` of USD; write it as a matrix, `xformOp:transform`");
+                let what = format!("the USD transform `{name}`; write it as a matrix, `xformOp:transform`");
                 return Err(Error::unsupported(scan.file, what));
             }
         };
@@ -316,7 +315,10 @@ fn rows(file: &str, field: &Field, turn: &Turn, reading: &Reading<'_>) -> Result
         if found == count * each || found == 0 {
             return Ok(());
         }
-        Err(Error::format(file, format!("`{name}` has {found} numbers for {count} splats, not {each} each")))
+        Err(Error::format(
+            file,
+            format!("`{name}` has {found} numbers for {count} splats; each splat needs {each}"),
+        ))
     };
     let (scales, turns, opacities) = (list("scales"), list("orientations"), list("opacities"));
     whole("scales", scales.len(), 3)?;

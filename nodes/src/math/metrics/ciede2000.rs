@@ -18,8 +18,8 @@ pub fn ciede2000_map(a: &Plane, b: &Plane, cx: &Context) -> Result<Vec<f64>, Nod
     Ok(rows.concat())
 }
 
-/// CIELAB of an sRGB-encoded colour. Matrix and white are rounded as in scikit-image, which papers use to compute
-/// their values.
+/// CIELAB of an sRGB-encoded colour. Matrix and white are rounded as in scikit-image, with which papers compute the
+/// values that they report.
 fn lab(srgb: [f64; 3]) -> [f64; 3] {
     const XYZ: [[f64; 3]; 3] =
         [[0.412453, 0.357580, 0.180423], [0.212671, 0.715160, 0.072169], [0.019334, 0.119193, 0.950227]];
@@ -32,7 +32,7 @@ fn lab(srgb: [f64; 3]) -> [f64; 3] {
     [116.0 * f[1] - 16.0, 500.0 * (f[0] - f[1]), 200.0 * (f[1] - f[2])]
 }
 
-/// The difference of two colours in CIELAB. Numbers in the comments are the numbers of equations in the paper.
+/// The difference between two colours in CIELAB. Numbers in the comments are the numbers of equations in the paper.
 fn difference(one: [f64; 3], two: [f64; 3]) -> f64 {
     let pow7 = |x: f64| {
         let x2 = x * x;

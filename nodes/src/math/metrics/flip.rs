@@ -1,5 +1,5 @@
 //! FLIP, the difference that a viewer sees when two pictures alternate (Andersson et al. 2020), and its form for
-//! scene-referred light, HDR-FLIP (Andersson et al. 2021). The papers call the two LDR-FLIP and HDR-FLIP.
+//! scene-referred light, HDR-FLIP (Andersson et al. 2021). The papers call the former LDR-FLIP.
 
 use engine::{Context, NodeError};
 
@@ -75,7 +75,7 @@ impl Exposures {
     }
 }
 
-/// Coefficients of a quotient of two parabolas: the filmic curve of Narkowicz that approximates ACES.
+/// Coefficients of the filmic curve of Narkowicz, a quotient of two quadratic polynomials that approximates ACES.
 const ACES: [f64; 6] = [0.6 * 0.6 * 2.51, 0.6 * 0.03, 0.0, 0.6 * 0.6 * 2.43, 0.6 * 0.59, 0.14];
 
 /// HDR-FLIP of every pixel: the largest FLIP over the exposures, each tone-mapped with the ACES curve.
@@ -259,14 +259,15 @@ fn separable(
     Ok(columns.concat())
 }
 
-/// The filters for a number of pixels per degree, as one-dimensional factors.
+/// The filters for a given number of pixels per degree. Each is separable and stored as one-dimensional kernels.
 struct Kernels {
     /// Filters for the contrast sensitivity to lightness, red-green and blue-yellow. Each is a sum of Gaussians,
     /// given as weights and kernels.
     sensitivity: [Vec<(f64, Vec<f64>)>; 3],
     /// First derivative of a Gaussian, scaled so that the weights on each side of the centre sum to 1 or -1.
     edge: Vec<f64>,
-    /// Second derivative of the Gaussian, scaled so that the positive weights sum to 1 and the negative ones to -1.
+    /// Second derivative of the Gaussian, scaled so that the positive weights sum to 1 and the negative weights to
+    /// -1.
     point: Vec<f64>,
     /// The Gaussian itself, applied perpendicular to the direction of the derivative.
     across: Vec<f64>,

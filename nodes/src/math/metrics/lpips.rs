@@ -9,8 +9,8 @@ use crate::math::nn::{Conv, Tensor, Weights, max_pool, relu};
 /// AlexNet or VGG16 up to its last convolution, and the weights of its five layers of features.
 ///
 /// Tensor names are those of torchvision and the `lpips` package (`features.0.weight`, `lin0.model.1.weight`), or
-/// short ones (AlexNet `conv0` to `conv4`, VGG `s0.conv0` to `s4.conv2`, `lin0.weight`). Channels may be fewer than
-/// in the published networks.
+/// short names (AlexNet `conv0` to `conv4`, VGG `s0.conv0` to `s4.conv2`, `lin0.weight`). There may be fewer
+/// channels than in the published networks.
 pub struct Lpips {
     /// Stages of convolutions, separated by pooling.
     stages: Vec<Stage>,
@@ -73,8 +73,8 @@ impl Lpips {
         Ok(Self { stages, pool: if vgg { (2, 2) } else { (3, 2) } })
     }
 
-    /// The distance of two display-encoded pictures (0 to 1, three channels) of equal size. `None` if they are too
-    /// small for the network. `scaled` maps the input to -1..1 as the network expects; the code of 3D Gaussian
+    /// The distance between two display-encoded pictures (0 to 1, three channels) of equal size. `None` if they are
+    /// too small for the network. `scaled` maps the input to -1..1 as the network expects; the code of 3D Gaussian
     /// splatting does not do so, and reports smaller numbers.
     pub fn distance(
         &self,
@@ -104,7 +104,7 @@ impl Lpips {
     }
 }
 
-/// Converts a picture to the input of the network, normalised as in its training.
+/// Converts a picture to the input of the network, normalised like the pictures with which the network was trained.
 fn input(plane: &Plane, scaled: bool) -> Tensor {
     const SHIFT: [f64; 3] = [-0.030, -0.088, -0.188];
     const SCALE: [f64; 3] = [0.458, 0.448, 0.450];

@@ -1,6 +1,6 @@
-//! Distances between two pictures, in f64 and in the variants printed in papers. All sums are in row order, so they
-//! do not depend on the number of threads. No crate is used, since the existing ones compute in f32 or with the
-//! math functions of the system, and lack HDR-FLIP.
+//! Distances between two pictures, in f64, in the variants whose values papers report. All sums are in row order,
+//! so they do not depend on the number of threads. No crate is used, since the existing crates compute in f32 or
+//! with the math functions of the system, and lack HDR-FLIP.
 
 mod ciede2000;
 mod flip;

@@ -1,4 +1,4 @@
-//! Structural similarity, in the variants printed in papers.
+//! Structural similarity (SSIM), in the variants whose values papers report.
 
 use engine::{Context, NodeError};
 
@@ -9,8 +9,9 @@ use crate::math::num;
 pub const SSIM_RADIUS: usize = 5;
 
 /// The SSIM of every pixel, averaged over channels: Gaussian window of 11 pixels and sigma 1.5, biased variances,
-/// C1 = 0.01^2, C2 = 0.03^2, zeros beyond the border. Its mean is the value printed by the code of 3D Gaussian
-/// splatting; the mean over pixels at least [`SSIM_RADIUS`] from the border is the SSIM of the original paper.
+/// C1 = 0.01^2, C2 = 0.03^2, zeros beyond the border. The mean over all pixels is the value that the code of 3D
+/// Gaussian splatting prints; the mean over pixels at least [`SSIM_RADIUS`] from the border is the SSIM of the
+/// original paper.
 pub fn ssim_map(a: &Plane, b: &Plane, cx: &Context) -> Result<Vec<f64>, NodeError> {
     const C1: f64 = 1e-4;
     const C2: f64 = 9e-4;

@@ -11,9 +11,9 @@ pub struct Conv {
     pub shape: [usize; 4],
     /// The kernel, in the order of `shape`.
     pub weight: Vec<f32>,
-    /// Biases, one per output channel; empty without a bias.
+    /// Biases, one per output channel; empty if there is no bias.
     pub bias: Vec<f32>,
-    /// Number of input pixels between adjacent outputs, along both axes.
+    /// Distance in input pixels between the windows of adjacent outputs, along both axes.
     pub stride: usize,
     /// Number of rows and columns of zeros that are added on each side of the input.
     pub padding: usize,

@@ -27,7 +27,7 @@ impl Tensor {
         Self { channels, height, width, data: vec![0.0; channels * height * width] }
     }
 
-    /// A row of a channel.
+    /// Row `y` of a channel.
     pub fn row(&self, channel: usize, y: usize) -> &[f32] {
         &self.data[(channel * self.height + y) * self.width..][..self.width]
     }

@@ -37,7 +37,7 @@ impl<'a> Weights<'a> {
             other => return Err(wrong(format!("has the type {other:?}; F32, F16 and BF16 are supported"))),
         };
         if let Some(at) = values.iter().position(|v| !v.is_finite()) {
-            return Err(wrong(format!("contains {} at {at}", values[at])));
+            return Err(wrong(format!("contains {} at index {at}", values[at])));
         }
         Ok((view.shape().to_vec(), values))
     }
@@ -95,7 +95,7 @@ mod tests {
         assert_eq!(said(weights.conv("a", Some(3), 1, 0)), what);
         let bytes = file(Dtype::F32, vec![1], &f32::NAN.to_le_bytes());
         let weights = Weights::parse("w", &bytes).expect("parses");
-        assert_eq!(said(weights.conv("a", None, 1, 0)), "`w`: tensor `a.weight` contains NaN at 0");
+        assert_eq!(said(weights.conv("a", None, 1, 0)), "`w`: tensor `a.weight` contains NaN at index 0");
         let bytes = file(Dtype::U8, vec![4], &[0; 4]);
         let weights = Weights::parse("w", &bytes).expect("parses");
         assert!(said(weights.conv("a", None, 1, 0)).contains("U8"));

@@ -12,7 +12,8 @@ const CLOSED: f64 = 1e-3;
 /// area.
 const OPEN: f64 = 0.5;
 /// A part looks inwards if the mean cosine between its face normals and the directions from its middle, weighted by
-/// area and distance, is below this. Turned inside out, a sphere has -1, a cube -0.8, and a long box -0.5.
+/// area and distance, is below this. The mean is -1 for a sphere that is turned inside out, -0.8 for such a cube,
+/// and -0.5 for such a long box.
 const INWARD: f64 = -0.3;
 /// Maximum number of other parts that are tested for containing a cavity; the largest parts are tested.
 const HOLDERS: usize = 64;
@@ -73,7 +74,8 @@ fn root(parents: &mut [u32], mut at: u32) -> u32 {
     at
 }
 
-/// The part of every vertex. Vertices of one triangle belong together, and so do vertices at one position.
+/// Index of the part to which each vertex belongs. Vertices of one triangle belong to the same part, and so do
+/// vertices at one position.
 fn parts_of(primitives: &[Primitive], starts: &[usize], cx: &Context) -> Result<Vec<u32>, NodeError> {
     let total = primitives.iter().map(|p| p.positions.len()).sum::<usize>();
     // Positive and negative zero are one place.
@@ -244,7 +246,8 @@ mod tests {
         (list, notes.iter().map(|note| note.id.clone()).collect())
     }
 
-    /// This test fails if `score() < INWARD` is `score() > 0.3`.
+    /// Closed parts that look inwards are turned, and other parts are not. This test fails if `score() < INWARD` is
+    /// `score() > 0.3`.
     #[test]
     fn closed_shapes_that_look_inwards_are_turned() {
         let right = cube(1.0, [3.0, 0.0, 0.0], false, 1.0, 6);

@@ -21,7 +21,7 @@ use crate::io::png::Raster;
 use crate::types::{Object, Texture};
 
 /// The file and all files that it refers to. The format of the file is detected by content. Errors in a GLB are
-/// reported only when the node runs, since all of its bytes are available then.
+/// reported only when the node runs, since only then are all of its bytes read.
 pub(crate) fn sources(path: &InputFile, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
     let file = root.file(path);
     let mut sources = vec![file.clone()];
@@ -79,7 +79,8 @@ pub(crate) fn object(
     Ok(Object { primitives, materials, textures: textures.into_iter().map(|(texture, _)| texture).collect() })
 }
 
-/// Converts a picture to a texture with four bytes per texel. Also returns true if bits were lost.
+/// Converts a picture to a texture with four bytes per texel. The flag is true if 16-bit codes were rounded to 8
+/// bits.
 fn texture(raster: Raster) -> (Texture, bool) {
     let wide = raster.largest > 255;
     let byte = |code: u16| if wide { ((u32::from(code) * 255 + 32_767) / 65_535) as u8 } else { code as u8 };

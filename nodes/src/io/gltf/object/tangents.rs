@@ -1,7 +1,8 @@
 //! Tangents for normal maps of files without tangents, similar to MikkTSpace: corners that share position, normal
-//! and texture coordinates share a tangent, weighted by the angle of each corner, and mirrored islands are kept
-//! separate. The green channel of a normal map points up in the picture, and v of glTF runs down. The bitangent
-//! therefore points against v, and its sign is opposite to the sign of the area in texture coordinates.
+//! and texture coordinates share a tangent, which is the mean of their tangents, weighted by the angle of each
+//! corner. Mirrored islands are kept separate. The green channel of a normal map points up in the picture, and v of
+//! glTF runs down. The bitangent therefore points against v, and its sign is opposite to the sign of the area in
+//! texture coordinates.
 
 use std::collections::HashMap;
 

@@ -9,7 +9,7 @@ use crate::io::splats::sh_rest;
 use crate::math::num;
 use crate::types::Splats;
 
-/// Lower limit of logarithms and logits. Smaller ones activate to 0 in f32, and PLY has no infinity.
+/// Lower limit of logarithms and logits. Smaller values activate to 0 in f32, and minus infinity is avoided in PLY.
 const LOWEST: f64 = -110.0;
 /// Upper limit of logits, which activates to 1 in f32.
 const HIGHEST: f64 = 30.0;

@@ -24,8 +24,8 @@ const LARGEST: f64 = 8_388_607.0;
 const HEADER: usize = 16;
 const HEADER_4: usize = 32;
 
-/// Statistics of numbers that were clamped to the range of a byte: their count, and the largest difference in
-/// steps.
+/// Statistics of numbers that were clamped to the range of a byte: their count, and the largest change of a number
+/// in steps of the byte.
 #[derive(Default, Clone, Copy)]
 struct Cut {
     count: u64,
@@ -145,7 +145,7 @@ pub(super) fn encode(
     let width = 3 * splats.len() as u64;
     let beyond = |which: &str, of: u64, cut: Cut, range: &str, loss: String| {
         format!(
-            "{} of {of} {which} are outside {range}, the range of SPZ, and were clamped to it: {loss}",
+            "{} of {of} {which} are outside the range of SPZ, {range}, and were clamped to it; {loss}",
             cut.count
         )
     };
@@ -154,9 +154,11 @@ pub(super) fn encode(
         (
             "scales-cut",
             scales,
-            beyond("axes", width, scales, "e^5.94 (379 units)", {
-                format!("the longest is divided by {:.3}", num::f64::exp(scales.steps / 16.0))
-            }),
+            format!(
+                "{} of {width} axes are longer than e^5.94 (379 units), the maximum of SPZ, and were shortened to it; the longest is divided by {:.3}",
+                scales.count,
+                num::f64::exp(scales.steps / 16.0)
+            ),
         ),
         (
             "colours-cut",
@@ -170,7 +172,7 @@ pub(super) fn encode(
             "harmonics-cut",
             harmonics,
             beyond("other coefficients", width * rest as u64, harmonics, "-1 to 1", {
-                format!("by up to {:.3}", harmonics.steps / 128.0)
+                format!("they change by up to {:.3}", harmonics.steps / 128.0)
             }),
         ),
     ] {
@@ -225,8 +227,8 @@ fn streams_apart(
     Ok(header)
 }
 
-/// Largest difference by which another component may exceed the omitted one. If all four components are equal,
-/// rounding three of them by up to half a step of 0.0014 can cause almost this difference.
+/// Maximum difference by which another component may exceed the omitted component. If all four components are
+/// equal, rounding three of them by up to half a step of 0.0014 can cause almost this difference.
 const AS_LARGE: f32 = 0.004;
 
 /// The bits of a rotation. If several components are practically equal to the largest, the one whose omission makes

@@ -7,7 +7,7 @@ use engine::{InputFile, Kind, Scene};
 use super::*;
 use crate::kinds::load_splats::{In, LoadSplats};
 
-/// A binary little-endian PLY of float rows.
+/// A binary little-endian PLY of float rows, whose header declares `promised` rows.
 fn ply(fields: &[&str], rows: &[Vec<f32>], promised: u64) -> Vec<u8> {
     let mut text = format!("ply\nformat binary_little_endian 1.0\nelement vertex {promised}\n");
     for field in fields {

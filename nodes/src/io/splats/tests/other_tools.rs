@@ -54,7 +54,7 @@ fn rows(count: usize) -> Vec<Vec<f64>> {
 
 const ENCODINGS: [&str; 3] = ["binary_little_endian", "binary_big_endian", "ascii"];
 
-/// The same numbers in every encoding are the same splats. This test fails if `Rows::packed` does not reverse
+/// The same numbers give the same splats in every encoding. This test fails if `Rows::packed` does not reverse
 /// bytes.
 #[test]
 fn every_encoding_of_ply_is_the_same_scene() {
@@ -198,7 +198,8 @@ fn colours_as_codes_replace_coefficients() {
     assert!(error.message().contains("`opacity` of floats, but one of type `uchar`"), "{error}");
 }
 
-/// A comment marks splats as trained antialiased, in plain and in compressed files, and is written again.
+/// A comment marks splats as trained with antialiasing, in plain and in compressed files. When the splats are
+/// written, the comment is kept.
 #[test]
 fn comments_of_trainers_set_the_compensation() {
     let of = |comments: &[&str]| read(&table("ascii", comments, &floats(&FIELDS), &rows(3))).unwrap();

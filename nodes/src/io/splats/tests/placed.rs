@@ -98,7 +98,7 @@ fn spz_names_its_axes() {
     }
 }
 
-/// Drafts of `KHR_gaussian_splatting` stored logarithms, which a negative length reveals.
+/// Drafts of `KHR_gaussian_splatting` stored scales as logarithms; a negative scale indicates such a file.
 #[test]
 fn scales_below_0_of_a_glb_are_logarithms() {
     let lengths = [0.1_f32, 0.2, 0.3, 0.4, 0.5, 1e-9];

@@ -271,7 +271,9 @@ impl<'a> Geometry<'a> {
                 if numbers.width != 1
                     || numbers.values.iter().any(|&i| i.is_nan() || i < 0.0 || i >= n as f64)
                 {
-                    return Err(self.bad(format!("indices refer to vertices beyond the last of {n}")));
+                    return Err(self.bad(format!(
+                        "an index refers to a vertex that does not exist (the primitive has {n} vertices)"
+                    )));
                 }
                 numbers.values.into_iter().map(|i| i as u32).collect()
             }

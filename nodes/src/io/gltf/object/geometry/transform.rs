@@ -50,7 +50,7 @@ impl Geometry<'_> {
     }
 }
 
-/// The transform from the frame of a node to that of its parent.
+/// The transform from the frame of a node to the frame of its parent.
 pub(crate) fn local(transform: &Transform) -> DMat4 {
     match transform {
         Transform::Matrix { matrix } => {
@@ -63,7 +63,7 @@ pub(crate) fn local(transform: &Transform) -> DMat4 {
     }
 }
 
-/// Converts a quaternion to a rotation after normalising it; one of length 0 is the identity.
+/// Converts a quaternion to a rotation after normalising it. A quaternion of length 0 gives the identity.
 fn rotation(q: [f64; 4]) -> DQuat {
     let q = DQuat::from_array(q);
     if q.length() > 0.0 { q.normalize() } else { DQuat::IDENTITY }
