@@ -27,7 +27,7 @@ const OPAQUE: f32 = 0.3;
 /// surface, as a share of the distance from the eye to the point, or of the median distance of all points if that
 /// is larger.
 const ON: f64 = 0.03;
-/// Of this number of consecutive points of the mesh, only the first is tested.
+/// Number of consecutive points of the mesh of which only the first is tested.
 const CONFIRMED: usize = 8;
 /// Minimum number of points for a comparison.
 const LEAST: usize = 200;
@@ -156,7 +156,7 @@ impl Spots {
         }
     }
 
-    /// Of the points of a placed cloud, the share that lies on the surface of the splats in at least one view.
+    /// Share of the points of a placed cloud that lies on the surface of the splats in at least one view.
     /// Points that are outside all views, or only at pixels where the splats have no surface, are ignored.
     pub fn confirmed(&self, sights: &[Sight], Placed { cloud, at }: &Placed<'_>) -> f64 {
         let (mut seen, mut confirmed) = (0.0, 0.0);
