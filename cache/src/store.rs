@@ -171,8 +171,8 @@ impl Store {
     }
 
     /// Marks a run of `graph` as active until the returned guard is dropped. No collection can start while the run
-    /// is active. If a collection is active, this function waits until it ends or `cancelled` returns true. Also
-    /// stores that the history table named `graph` was used today.
+    /// is active. If a collection is active, this function waits until it ends or `cancelled` returns true. It
+    /// also records that the history table named `graph` was used today.
     pub fn begin_run(&self, graph: &str, cancelled: &dyn Fn() -> bool) -> Running {
         let today = today();
         // Stored in a separate table, since reading the table of a large graph takes long.

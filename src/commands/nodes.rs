@@ -12,7 +12,7 @@ use crate::terminal::{self, paragraphs, wrapped};
 /// parameters with defaults and ranges, outputs. With any other word it lists the kinds that mention it.
 #[derive(Debug, Args)]
 pub struct Nodes {
-    /// A kind, as `splat-render` or `SplatRender`, or a word to search for
+    /// Name of a kind, such as `splat-render` or `SplatRender`, or a word to search for
     kind: Option<String>,
     /// The whole reference as Markdown
     #[arg(long)]

@@ -107,7 +107,9 @@ impl<'t> Check<'t, '_> {
             let (name, span) = (named.name, named.span);
             match self.axes.iter().position(|axis| axis.name == name) {
                 Some(axis) if !over.contains(&axis) => over.push(axis),
-                Some(_) => self.report(Diagnostic::new(span, format!("`{name}` is gathered twice"))),
+                Some(_) => {
+                    self.report(Diagnostic::new(span, format!("`over` names the axis `{name}` twice")))
+                }
                 None => {
                     let mistake = Diagnostic::new(span, format!("the graph has no axis `{}`", shown(&name)));
                     let axes = self.axes.clone();

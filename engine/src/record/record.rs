@@ -26,7 +26,8 @@ pub(crate) struct FileRecord {
     pub digest: Digest,
 }
 
-/// Time, memory and counts of a node's code, for forecasts and for display. They are not part of any key.
+/// Time and memory that the code of a node used, and the work that it counted (such as rays), for forecasts and for
+/// display. None of these are part of a key.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Spent {
     /// Wall time in seconds, including the time that cached parts took when they were computed.

@@ -198,7 +198,7 @@ impl Recipe {
                     let path = source.file.path.display();
                     let what = if known.contains(&now) {
                         format!(
-                            "`{path}` was at another position among the files that `{}` reads when the picture was made",
+                            "when the picture was made, `{path}` was at a different position in the list of files that `{}` reads",
                             node.id
                         )
                     } else {

@@ -123,7 +123,7 @@ impl Run<'_> {
         }
     }
 
-    /// Reports that a node is done, and resolves the nodes below.
+    /// Reports that a node is done, and queues its consumers to be resolved if they wait for no other node.
     pub fn done(&mut self, index: usize, effort: Effort) {
         let graph = self.graph;
         let node = &graph.nodes[index];

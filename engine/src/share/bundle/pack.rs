@@ -132,8 +132,8 @@ impl Engine {
 /// The paths of source files in the bundle. Files in the folder of the graph keep their paths. Other files are
 /// placed in folders `inputs/N/`, one for each folder that the graph names.
 struct Places {
-    /// For each node, the folders that get another name: a map from the path in the graph to the path in the
-    /// bundle.
+    /// For each node, the folders that are renamed in the bundle: a map from the path in the graph to the path in
+    /// the bundle.
     moved: Vec<BTreeMap<String, String>>,
 }
 

@@ -63,9 +63,9 @@ impl Lora {
                 Ending::Alpha => &mut module.alpha,
             };
             if slot.replace(key.clone()).is_some() {
-                return Err(
-                    source.wrong(format!("`{key}` and another tensor set the same part of an update"))
-                );
+                return Err(source.wrong(format!(
+                    "`{key}` and another tensor both give the same matrix, or the same alpha, for one layer"
+                )));
             }
         }
         if !unknown.is_empty() {

@@ -294,7 +294,7 @@ pub(crate) fn report(file: &str, loaded: &Loaded, strict: bool, notes: &mut Note
     for fault in RowFault::ALL {
         let dropped: u64 = loaded.parts.iter().map(|part| part.dropped[fault as usize]).sum();
         all += dropped;
-        notes.count(fault.id(), dropped, format!("splats of `{file}` {}; dropped", fault.words()));
+        notes.count(fault.id(), dropped, format!("splats of `{file}` {} were dropped", fault.words()));
     }
     if all * 2 > loaded.count as u64 {
         let text =

@@ -159,8 +159,8 @@ impl DepthView {
         if lengths > 0.0 { (normal.dot(here) / lengths).abs().min(1.0) } else { 0.0 }
     }
 
-    /// Projects a point into the view. `None` if the point is behind the eye, or not between the centres of four
-    /// pixels.
+    /// Projects a point into the view. `None` if the point is behind the eye, or if its projection is outside the
+    /// picture or in the outer half of a pixel on the border, where it is not surrounded by four pixel centres.
     #[inline]
     pub fn project(&self, point: Vec3) -> Option<OnPicture> {
         let offset = point - self.eye;

@@ -28,7 +28,7 @@ pub struct Materials<'a> {
 const NOT_DRAWN: [(&str, &str); 5] = [
     ("KHR_lights_punctual", "the lights of the file are not used, but its emissive surfaces are"),
     ("KHR_materials_dispersion", "all colours are refracted equally"),
-    ("KHR_materials_volume_scatter", "there is no scattering inside"),
+    ("KHR_materials_volume_scatter", "light is not scattered inside the object"),
     ("KHR_materials_variants", "variants are ignored; the default materials are used"),
     ("KHR_texture_basisu", "textures use the PNG or JPEG fallback"),
 ];

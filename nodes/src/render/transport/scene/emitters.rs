@@ -187,8 +187,8 @@ impl Emitters {
     }
 }
 
-/// Mean luminance of a triangle from a lattice of points, each averaged over its part of the triangle, so
-/// that a small lamp between points is found.
+/// Mean luminance of a triangle, from the emission at a lattice of points. The emission at each point is averaged
+/// over the part of the triangle around the point, so that a small bright spot between points is not missed.
 fn mean_luminance(triangle: u32, emission: impl Fn(&Hit, f32) -> Vec3) -> f32 {
     const N: u32 = 4;
     let mut sum = 0.0;
