@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
-use engine::{Context, Cost, FileHead, InputFile, Kind, Level, NodeError, Notes, Scene, SourceRoot, Up};
+use engine::{Context, FileHead, InputFile, Kind, Level, NodeError, Notes, Scene, SourceRoot, Up};
 use nodes::io::picture::floats_of;
 use nodes::kinds::load_splats::{self, Frame, LoadSplats};
 use nodes::types::Splats;
@@ -43,13 +43,10 @@ pub fn check_memory(path: &Path, memory: u64) -> Result<(), NodeError> {
     };
     let length = |path: &Path| std::fs::metadata(path).map_or(0, |found| found.len());
     let heads: Vec<_> = sources.iter().map(|source| FileHead::new(source, length(&source.path))).collect();
-    let Cost { bytes } = if is_splats {
-        LoadSplats::estimate_files(&splats, &heads)
-    } else {
-        let picture = heads.iter().map(|head| floats_of(head)[0]).max().unwrap_or(0);
-        let mesh = if mesh::is_mesh(path) { mesh::estimate(file, &heads) } else { 0 };
-        Cost { bytes: picture.max(mesh) }
-    };
+    let of_splats = if is_splats { LoadSplats::estimate_files(&splats, &heads).bytes } else { 0 };
+    let of_mesh = if mesh::is_mesh(path) { mesh::estimate(file, &heads) } else { 0 };
+    let of_picture = heads.iter().map(|head| floats_of(head)[0]).max().unwrap_or(0);
+    let bytes = of_splats.max(of_mesh).max(of_picture);
     if bytes <= memory {
         return Ok(());
     }

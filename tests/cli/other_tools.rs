@@ -112,7 +112,7 @@ fn a_mesh_of_another_frame_is_reported() {
     place.write(&receiver(insert.replace("\n        view:", load)));
     let found = reports(&place);
     assert!(
-        found.len() == 1 && found[0].contains("with the mesh scaled by 100.0 they agree to"),
+        found.len() == 1 && found[0].contains("with the mesh scaled by 100.0, the agreement is"),
         "{found:?}"
     );
     // The loader has a matrix already, which the new one includes.

@@ -97,7 +97,7 @@ fn converting_makes_no_folder_and_no_empty_scene() {
     // Splats of 1000 units are shortened to 379, which is reported as a warning.
     std::fs::write(place.path("large.ply"), room(1.0, 10.8)).unwrap();
     let (code, text) = printed(&place.call(&["convert", "large.ply", "large.spz", "--up", "+z"]));
-    assert!(code == Some(0) && text.contains("warning 2100 of 2700 axes are outside"), "{text}");
+    assert!(code == Some(0) && text.contains("warning 2100 of 2700 axes are longer than"), "{text}");
 }
 
 /// A picture of a few bytes that claims 400 million pixels is refused from its header. This test fails if

@@ -391,7 +391,7 @@ mod tests {
         let reported: Vec<_> = notes.iter().map(|n| (n.id.as_str(), n.text.as_str())).collect();
         assert_eq!(reported[0].0, "lights-ignored");
         assert!(
-            reported[0].1.contains("(1 of them)") && reported[1].1.starts_with("MSFT_lod is left out"),
+            reported[0].1.contains("(lights: 1)") && reported[1].1.starts_with("MSFT_lod is left out"),
             "{reported:?}"
         );
         assert!(reported[2].1.contains("variants are ignored; the default materials are used"));

@@ -345,7 +345,7 @@ fn splats_of_usd_in_text_are_read() {
         uniform token[] xformOpOrder = [\"xformOp:translate\", \"xformOp:scale\"]\n";
     close(means(metres, steps), [12.0, 4.0, 6.0], 0.2);
     for (text, says) in [
-        (usda(metres, "", "        point3f[] positions.timeSamples = { 0: [(1,2,3)] }\n"), "in time"),
+        (usda(metres, "", "        point3f[] positions.timeSamples = { 0: [(1,2,3)] }\n"), "animated USD"),
         (usda(metres, &steps.replace("xformOp:scale", "xformOp:rotateX"), ""), "rotateX"),
         (usda(metres, &steps.replace("(2, 2, 2)", "(2, 1, 2)"), ""), "unevenly"),
         (usda("upAxis = \"X\"", "", ""), "not Y or Z"),

@@ -89,7 +89,7 @@ fn white_that_is_mostly_transparent_is_reported() {
     let (_, notes) = run(Arc::new(pano), &[-3.0]);
     let text = |id: &str| notes.iter().find(|n| n.id == id).map(|n| n.text.clone()).unwrap_or_default();
     assert!(text("white-unseen").starts_with("1 white pixels"), "{notes:?}");
-    assert!(text("nothing-clipped").contains("has 0.214 "), "{notes:?}");
+    assert!(text("nothing-clipped").contains("reaches 0.214 of white"), "{notes:?}");
 }
 
 // Linear light that ends at white was clipped there; with values above white, values near white are unclipped. This
