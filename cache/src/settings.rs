@@ -15,9 +15,8 @@ pub(crate) mod kind {
     pub const HISTORY: u8 = 4;
 }
 
-/// The policy for syncing written data to the disk. Data that are not synced can be lost in a loss of power, but
-/// not by the death of a process. Every read is verified, so results that were damaged by a loss of power are
-/// detected and computed again.
+/// The policy for syncing written data to disk. Unsynced data can be lost in a power failure, but not if only the
+/// process dies. Every read is verified, so results damaged by a power failure are detected and recomputed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Fsync {
     /// Sync once, in [`Store::flush`](crate::Store::flush).

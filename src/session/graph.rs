@@ -35,8 +35,8 @@ pub struct GraphArgs {
     /// a range of an axis
     #[arg(long, value_name = "NODES", value_delimiter = ',')]
     pub only: Vec<String>,
-    /// Compute only these values of the axis `frame`, such as 1001-1050 or 7, of the nodes of `--only` or of the
-    /// sinks that write a file per frame
+    /// Compute the nodes of `--only`, or the sinks that write a file per frame, only at these values of the axis
+    /// `frame`, such as 1001-1050 or 7
     #[arg(long, value_name = "FIRST-LAST")]
     pub frames: Option<String>,
     // Not flattened from `OriginArgs`: clap makes an optional `GraphArgs` only if it has an argument of its own.

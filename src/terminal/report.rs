@@ -141,7 +141,7 @@ impl Lines {
             Event::Pass { parameter, level, of, coarse } => {
                 let blocks = match coarse {
                     1 => String::new(),
-                    n => format!(", one pixel of each {n} by {n}"),
+                    n => format!(", one pixel of each block of {n} by {n}"),
                 };
                 self.line("preview", "36", &format!("{parameter} {level} of {of}{blocks}"));
             }

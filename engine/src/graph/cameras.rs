@@ -81,7 +81,8 @@ fn node_of<'d, 't>(name: &str, document: &'d Document<'t>) -> Option<&'d RawNode
     find(name).or_else(|| find(name.rsplit_once('.')?.0))
 }
 
-/// Full name of the node or output that the first wire of an input comes from, as written in a wire.
+/// Full name of the node or output that the first wire of an input comes from, in wire syntax: `node` or `node.port`.
+/// `None` if the input has no valid wire.
 fn above(node: &RawNode<'_>, input: &str, document: &Document<'_>) -> Option<String> {
     let field = node.fields.iter().find(|field| field.name == input)?;
     let named = wire_names(field, &document.scopes).ok()?.into_iter().next()?;

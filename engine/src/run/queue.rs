@@ -23,7 +23,7 @@ pub(crate) struct Parked {
     pub pause: Duration,
 }
 
-/// The nodes that wait for their turn, and the nodes that run.
+/// The nodes that are waiting for their turn, and the nodes that are running.
 pub(crate) struct Queue {
     /// Maximum number of running nodes. One short node may run in addition.
     jobs: usize,

@@ -7,7 +7,7 @@ use std::time::Duration;
 use crate::graph::graph::Graph;
 use crate::text::diag::{Diagnostics, Mistake};
 
-/// The watched graph as it was read at one time.
+/// A snapshot of the watched graph: the result of reading it once.
 pub struct Load {
     /// The graph and the indices of its targets, or its mistakes. An empty list of targets stands for the default
     /// targets.

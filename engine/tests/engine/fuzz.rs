@@ -127,7 +127,7 @@ fn graph_files() {
     assert!(good > 0 && bad > good / 20, "{good} good, {bad} bad");
 }
 
-/// Runs a graph and checks that nothing panics. Returns the number of nodes that were reported.
+/// Runs a graph and checks that nothing panics. Returns the number of [`Event::Node`] events.
 fn run(lab: &Lab, engine: &Engine, graph: &Graph) -> usize {
     let options = RunOptions { out: lab.path("out"), ..RunOptions::default() };
     let mut ends = 0;

@@ -1,5 +1,5 @@
-//! Tests of killed processes. After a process is killed at any moment, the next run with the same cache gives the
-//! bytes of an undisturbed run, without a repair or a warning.
+//! Tests of killed processes. No matter when a process is killed, the next run with the same cache writes the same
+//! bytes as a run that was never interrupted, and reports no repair or warning.
 
 use std::os::unix::process::ExitStatusExt;
 use std::path::Path;

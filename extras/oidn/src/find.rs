@@ -46,7 +46,7 @@ fn but(others: &[PathBuf]) -> String {
     if others.is_empty() {
         String::new()
     } else {
-        format!("; other versions of the library, or other files of this name: {}", listed(others))
+        format!("; files of this name that are not version 2 of the library: {}", listed(others))
     }
 }
 
@@ -116,7 +116,7 @@ mod tests {
         assert!(text.contains(FILE) && text.contains(&empty.path().display().to_string()), "{text}");
         assert!(
             text.ends_with(&format!(
-                "; other versions of the library, or other files of this name: `{}`",
+                "; files of this name that are not version 2 of the library: `{}`",
                 old.path().join(FILE).display()
             )),
             "{text}"

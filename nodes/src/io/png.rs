@@ -69,7 +69,7 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Rast
         }
     }
     if info.animation_control.is_some() {
-        ignored.push("several frames; only the first is read".to_owned());
+        ignored.push("animation frames after the first".to_owned());
     }
     let (color, depth) = reader.output_color_type();
     let channels = color.samples();

@@ -9,7 +9,7 @@ use crate::types::{Image, Linear};
 const GAMMA: f64 = 2.4;
 /// Target value of the median after the tone curve.
 const MIDDLE: f64 = 0.5;
-/// Maximum share of the sphere above white.
+/// Maximum share of the sphere, by solid angle, in which the brightest channel may exceed 1 after scaling.
 const ABOVE_WHITE: f64 = 0.15;
 
 /// A display colour counts as clipped if one of its channels, in linear light, is above this.

@@ -131,7 +131,9 @@ pub fn text(survey: &Survey) -> String {
             length(surface.height.max(0.0), 2),
             length(surface.radius, 2)
         ),
-        None => "at the lowest point of the place, where no level surface was found".to_owned(),
+        None => {
+            "at the height of the lowest point of the capture, because no level surface was found".to_owned()
+        }
     };
     line(&format!("        // Where the object stands: {on}."));
     line(

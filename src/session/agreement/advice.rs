@@ -25,7 +25,7 @@ pub fn texts(graph: &Graph, pair: &Pair, found: &Comparison) -> Vec<super::Findi
             let text = match &found.best {
                 Some(best) => format!("{measured}; {}", moved(graph, pair, best)),
                 None => format!(
-                    "{measured}; no scale, rotation and shift of the mesh was found that makes them agree: check that \
+                    "{measured}; no combination of scale, rotation and shift of the mesh was found that makes them agree: check that \
                      both show the same place, or use `ExtractMesh` instead of the mesh"
                 ),
             };

@@ -167,8 +167,8 @@ fn the_page_says(what: &str, names: [&str; 2], errors: [f64; 4]) {
     assert!(names.iter().all(|name| row.contains(&format!("`{name}`"))), "{names:?}: {row}");
 }
 
-/// Checks that holes of the background do not count as touched, since the backdrop is visible in them even without
-/// the object.
+/// Checks that holes in the background are not part of the region `touched`, since the backdrop shows through them
+/// even without the object.
 fn holes_are_not_touched(engine: &Engine) {
     let measure = |backdrop: &str| {
         let with = format!("object: \"trace.object\", backdrop: {backdrop}");

@@ -21,7 +21,7 @@ pub use patch::rotation;
 pub use profile::Evidence;
 pub use scale::Scale;
 
-/// Number of axes that are examined.
+/// Maximum number of axes that are considered as candidates for the vertical.
 const AXES: usize = 6;
 /// Weight of the logarithm of the concentration in layers (see [`axes`]) as evidence that an axis is the vertical.
 const LAYERED: f64 = 6.0;

@@ -15,8 +15,8 @@ const CELLS: usize = 40;
 /// top.
 const STOREYS: usize = 24;
 
-/// Distribution of surface along a direction, as evidence that the direction is up. Fields that are described as a
-/// balance range from -1 (the opposite direction is probably up) to 1 (this direction is probably up).
+/// Distribution of surface along a direction, used to judge whether that direction is up. Each field described as a
+/// balance has a value between -1 (the opposite direction is probably up) and 1 (this direction is probably up).
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Profile {
     /// The direction.

@@ -31,7 +31,7 @@ enum Component {
     F32,
 }
 
-/// Reader of a column. The bytes of all its rows are known to exist.
+/// Reads the rows of a column. [`Accessor::reader`] has checked that all of them lie within `bytes`.
 pub struct Reader<'a> {
     bytes: &'a [u8],
     count: usize,

@@ -104,7 +104,7 @@ impl<'a> Clipping<'a> {
         Prediction { log2_gain: vec![0.0; self.mask.len()], regions: Vec::new() }
     }
 
-    /// Prediction of `Learned` if there is a network, and of `Region` otherwise.
+    /// Prediction by the method `Learned` if there is a network, and by `Region` otherwise.
     fn by_regression(
         &self,
         table: &mut EnergyTable,
@@ -185,8 +185,8 @@ impl<'a> Clipping<'a> {
     }
 }
 
-/// Networks of `Learned`, built in or from the user's file. The file is read even if nothing is clipped, so
-/// that a wrong file is reported.
+/// Networks for the method `Learned`: the built-in networks, or those in the user's file. `None` for other methods. The
+/// file is read even if nothing is clipped, so that an invalid file is reported.
 fn learned(
     params: &PredictExposure,
     notes: &mut Notes,

@@ -180,8 +180,8 @@ fn slopes_hold_the_middle_of_the_foot() {
     }
 }
 
-/// Objects do not stand on the underside of a table top. If all surfaces face down, they are the ground, which is
-/// reported. This test fails if `Ground::columns` ignores the sign of `facing`.
+/// Objects do not stand on the underside of a table top. If all surfaces face down, they are used as
+/// the ground, and this is reported. This test fails if `Ground::columns` ignores the sign of `facing`.
 #[test]
 fn nothing_stands_on_what_looks_down() {
     let mut slab = plane(0.45, 0.0);

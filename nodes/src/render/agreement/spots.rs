@@ -19,9 +19,9 @@ const BACKDROP: f64 = 10.0;
 /// Distance by which the surface of splats may appear too near, in standard deviations of the splats along their
 /// middle axis. The cause is that a splat close to the eye is drawn as an ellipse that is too large.
 const GRAIN: f64 = 2.0;
-/// Approximate number of splats of which the size or the centre is used.
+/// Approximate number of splats that are sampled when sizes are measured or centres are taken as points.
 const MEASURED: usize = 4000;
-/// Minimum opacity of the splats of which the size or the centre is used.
+/// Minimum opacity of the sampled splats.
 const OPAQUE: f32 = 0.3;
 /// Maximum distance between a point of the mesh and the surface of the splats for the point to count as on the
 /// surface, as a share of the distance from the eye to the point, or of the median distance of all points if that

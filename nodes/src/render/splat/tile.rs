@@ -9,7 +9,7 @@ use super::settings::TILE;
 use super::{DepthMode, Settings};
 use crate::types::{Data, Image};
 
-/// Rows of a picture covered by a row of tiles. Tiles write their pixels to it when they are finished.
+/// The rows of a picture that one row of tiles covers. Each tile writes its pixels to the strip when it is finished.
 pub(super) struct Strip<'a> {
     /// Number of columns of the picture.
     width: usize,

@@ -1,4 +1,4 @@
-//! Tests of the method that makes exposures by a diffusion model.
+//! Tests of the method that predicts exposures with a diffusion model.
 
 use super::*;
 

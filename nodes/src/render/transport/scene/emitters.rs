@@ -33,8 +33,7 @@ struct Lattice {
 /// Maximum number of squares per edge of a lattice in scenes with many emissive triangles.
 pub const COARSE: u32 = 32;
 
-/// Maximum number of bright cells of a fine lattice. If there are no more, each bright cell is examined at more
-/// points.
+/// If a fine lattice has at most this many bright cells, each of them is examined at more points.
 const FEW: usize = 256;
 /// Number of points along each edge of a bright cell at which the cell is examined.
 const CLOSE: u32 = 16;

@@ -21,7 +21,7 @@ pub(crate) fn geometry(corners: &[Vec3; 3], hit: &Hit) -> (Vec3, Vec3, f32) {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Face {
     pub(crate) corners: [Vec3; 3],
-    /// Unit normal, by its winding.
+    /// Unit normal of the triangle; its side is given by the winding of `corners`.
     pub(crate) normal: Vec3,
     /// Offset of rays that leave the triangle; see [`margin`].
     pub(crate) margin: f32,
