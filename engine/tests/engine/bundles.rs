@@ -389,7 +389,7 @@ fn files_that_cannot_be_distinguished_are_refused() {
     };
     assert_eq!(others(r#"path: "../a/p.txt", more: ["../b/p.txt"]"#), [""; 0]);
     let swapped = others(r#"path: "../b/p.txt", more: ["../a/p.txt"]"#);
-    assert!(swapped.len() == 2 && swapped[0].contains("at another position"), "{swapped:?}");
+    assert!(swapped.len() == 2 && swapped[0].contains("at a different position"), "{swapped:?}");
     assert_eq!(others(r#"path: "../a/p.txt", more: ["../a/p.txt"]"#).len(), 1);
     assert!(others(r#"path: "../a/p.txt""#)[0].contains("no longer reads `p.txt`"));
     assert_eq!(others(r#"path: "../a/p.txt", more: ["../b/p.txt", "../z.txt"]"#).len(), 1);
