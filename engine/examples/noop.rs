@@ -6,7 +6,7 @@
 #![allow(clippy::print_stdout, reason = "this is what the program is for")]
 #![allow(missing_docs, dead_code, reason = "kinds of the tests")]
 
-#[path = "../tests/engine/arithmetic.rs"]
+#[path = "../tests/engine/arithmetic/mod.rs"]
 mod arithmetic;
 
 use std::error::Error;

@@ -45,25 +45,25 @@ fn frames_are_named_by_ranges_and_keep_their_names() {
 #[test]
 fn a_wrong_name_is_answered_with_a_near_one_that_exists() {
     let place = Place::new(FRAMES);
-    let told = |arguments: &[&str]| {
+    let reported = |arguments: &[&str]| {
         let output = place.call(&[&["run", "graph.ron"], arguments].concat());
         assert_eq!(output.status.code(), Some(2), "{arguments:?}");
         String::from_utf8_lossy(&output.stderr).into_owned()
     };
-    let text = told(&["--only", "eech/frame=1000"]);
+    let text = reported(&["--only", "eech/frame=1000"]);
     assert!(text.contains("did you mean `each/frame=1000`?"), "{text}");
     assert!(text.contains("its nodes are demo, camera, view, each, film\n"), "each once: {text}");
-    let text = told(&["--only", "each/frame=3"]);
+    let text = reported(&["--only", "each/frame=3"]);
     assert!(
         text.contains("`each` has no `frame=3`; it has `frame` 998, 999, 1000, 1001, 1002, 1003"),
         "{text}"
     );
     assert!(
-        told(&["--only", "demo/frame=3"]).contains("`demo` does not vary along an axis"),
+        reported(&["--only", "demo/frame=3"]).contains("`demo` does not vary along an axis"),
         "not along the axis"
     );
-    let text = told(&["--set", "camera.eye=22,5,20"]);
+    let text = reported(&["--set", "camera.eye=22,5,20"]);
     assert!(text.contains("in a shell: --set 'camera.eye=(22, 5, 20)'"), "{text}");
-    let text = told(&["--set", "camera.fov=20"]);
+    let text = reported(&["--set", "camera.fov=20"]);
     assert!(text.contains("did you mean `fov_y_deg`?"), "{text}");
 }

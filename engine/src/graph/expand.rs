@@ -108,7 +108,7 @@ impl<'t> Check<'t, '_> {
             match self.axes.iter().position(|axis| axis.name == name) {
                 Some(axis) if !over.contains(&axis) => over.push(axis),
                 Some(_) => {
-                    self.report(Diagnostic::new(span, format!("`over` names the axis `{name}` twice")))
+                    self.report(Diagnostic::new(span, format!("`over` names the axis `{name}` twice")));
                 }
                 None => {
                     let mistake = Diagnostic::new(span, format!("the graph has no axis `{}`", shown(&name)));

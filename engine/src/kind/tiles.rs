@@ -159,7 +159,7 @@ impl<'t> Tiles<'t> {
         }
     }
 
-    /// Runs the next tile. Returns false if there is none, or if the run has ended.
+    /// Runs the next tile. Returns false if no tile is left, or if the run has ended.
     fn run_next(&self) -> bool {
         if self.ended.load(Ordering::Relaxed) {
             return false;

@@ -50,6 +50,26 @@ impl Camera {
         }
     }
 
+    /// Cameras for the six faces of a cube around a point: four around the axis `up`, then one along it and one
+    /// against it. The axes are perpendicular unit vectors.
+    pub fn cube(
+        name: &str,
+        side_px: u32,
+        focal_px: f64,
+        [right, forward, up]: [DVec3; 3],
+        eye: DVec3,
+    ) -> [Self; 6] {
+        let faces = [
+            (right, forward),
+            (-forward, right),
+            (-right, -forward),
+            (forward, -right),
+            (right, up),
+            (right, -up),
+        ];
+        faces.map(|(x, z)| Self::centred(name, [side_px; 2], focal_px, [x, z.cross(x), z], eye))
+    }
+
     /// The rigid transform from camera to world.
     pub fn world_from_camera(&self) -> DMat4 {
         DMat4::from_cols_array(&self.world_from_camera)

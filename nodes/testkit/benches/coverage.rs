@@ -45,7 +45,7 @@ struct Place {
 }
 
 /// Value and reported standard error of each pixel. The standard error is 0 if the pixel has no noise.
-type Told = Vec<[f64; 2]>;
+type Reported = Vec<[f64; 2]>;
 
 impl Place {
     /// Loads a graph after replacing `before` in its text with `after`, to change the size of its pictures.
@@ -80,7 +80,7 @@ impl Place {
     }
 
     /// Renders all views with a seed, and returns the ratio and the picture.
-    fn traced(&self, params: &PathTrace, seed: u64) -> [Told; 2] {
+    fn traced(&self, params: &PathTrace, seed: u64) -> [Reported; 2] {
         let cx =
             Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed, exhaustive: false }, ".");
         let inputs = path_trace::In {
@@ -103,13 +103,10 @@ impl Place {
         let (made, _) = Composite::run(&Composite::default(), layers, &cx).unwrap();
 
         let pairs = light(&traced.without).into_iter().zip(light(&traced.with));
-        let told = plane(&traced.variance, 3).into_iter();
-        let ratio =
-            pairs.zip(told).map(
-                |((without, with), variance)| {
-                    if without > 0.0 { [with / without, variance.sqrt()] } else { [1.0, 0.0] }
-                },
-            );
+        let reported = plane(&traced.variance, 3).into_iter();
+        let ratio = pairs.zip(reported).map(|((without, with), variance)| {
+            if without > 0.0 { [with / without, variance.sqrt()] } else { [1.0, 0.0] }
+        });
         let picture = light(&made.image).into_iter().zip(plane(&made.error, 0));
         [ratio.collect(), picture.map(|(value, error)| [value, error]).collect()]
     }
@@ -117,9 +114,9 @@ impl Place {
 
 impl Place {
     /// Same as [`traced`](Self::traced) for several seeds, in order, on two threads.
-    fn all_traced(&self, params: &PathTrace, seeds: std::ops::Range<u64>) -> Vec<[Told; 2]> {
+    fn all_traced(&self, params: &PathTrace, seeds: std::ops::Range<u64>) -> Vec<[Reported; 2]> {
         let half = |first| move |seed: &u64| seed % 2 == first;
-        let traced = |first: u64| -> Vec<[Told; 2]> {
+        let traced = |first: u64| -> Vec<[Reported; 2]> {
             seeds.clone().filter(half(first)).map(|seed| self.traced(params, seed)).collect()
         };
         let (even, odd) = std::thread::scope(|scope| {
@@ -132,7 +129,7 @@ impl Place {
 
     /// True error of the ratio in each tile with noise, as `max_error` defines it: the root mean square error over
     /// the noisy pixels. The error of a pixel is relative to the ratio if the ratio is above 1.
-    fn tiles(&self, told: &Told, truth: &[f64]) -> Vec<f64> {
+    fn tiles(&self, reported: &Reported, truth: &[f64]) -> Vec<f64> {
         let (mut errors, mut first) = (Vec::new(), 0);
         for camera in &self.rig.cameras {
             let (width, height) = (camera.width_px as usize, camera.height_px as usize);
@@ -141,8 +138,8 @@ impl Place {
                 let rows = (y..(y + TILE).min(height)).map(|y| first + y * width);
                 let pixels = rows.flat_map(|row| (x..(x + TILE).min(width)).map(move |x| row + x));
                 let squares: Vec<f64> = pixels
-                    .filter(|&i| told[i][1] > 0.0)
-                    .map(|i| (told[i][0] - truth[i]) / truth[i].max(1.0))
+                    .filter(|&i| reported[i][1] > 0.0)
+                    .map(|i| (reported[i][0] - truth[i]) / truth[i].max(1.0))
                     .map(|off| off * off)
                     .collect();
                 if !squares.is_empty() {
@@ -174,18 +171,18 @@ struct Tally {
     pixels: u64,
     off: f64,
     square: f64,
-    told: f64,
+    reported: f64,
 }
 
 impl Tally {
-    fn add(&mut self, told: &Told, truth: &[f64]) {
-        for ([value, error], truth) in told.iter().zip(truth).filter(|([_, error], _)| *error > 0.0) {
+    fn add(&mut self, reported: &Reported, truth: &[f64]) {
+        for ([value, error], truth) in reported.iter().zip(truth).filter(|([_, error], _)| *error > 0.0) {
             let apart = value - truth;
             for (within, times) in self.within.iter_mut().zip([1.0, 2.0, 3.0]) {
                 *within += u64::from(apart.abs() <= times * error);
             }
-            (self.off, self.square, self.told) =
-                (self.off + apart, self.square + apart * apart, self.told + error * error);
+            (self.off, self.square, self.reported) =
+                (self.off + apart, self.square + apart * apart, self.reported + error * error);
             self.pixels += 1;
         }
     }
@@ -193,7 +190,7 @@ impl Tally {
     fn cells(&self, seeds: u64) -> String {
         let n = self.pixels as f64;
         let shares = self.within.map(|within| format!("{:.1} %", 100.0 * within as f64 / n));
-        let ratio = (self.told / self.square).sqrt();
+        let ratio = (self.reported / self.square).sqrt();
         format!("{} | {} | {ratio:.2} | {:+.4}", self.pixels / seeds, shares.join(" | "), self.off / n)
     }
 }
@@ -226,10 +223,13 @@ fn main() {
             ..PathTrace::default()
         };
         let mut truth: [Vec<f64>; 2] = Default::default();
-        for told in place.all_traced(&params(truth_samples, None), 1000..1000 + truth_seeds) {
-            for (truth, told) in truth.iter_mut().zip(told) {
-                truth.resize(told.len(), 0.0);
-                truth.iter_mut().zip(told).for_each(|(sum, [value, _])| *sum += value / truth_seeds as f64);
+        for reported in place.all_traced(&params(truth_samples, None), 1000..1000 + truth_seeds) {
+            for (truth, reported) in truth.iter_mut().zip(reported) {
+                truth.resize(reported.len(), 0.0);
+                truth
+                    .iter_mut()
+                    .zip(reported)
+                    .for_each(|(sum, [value, _])| *sum += value / truth_seeds as f64);
             }
         }
         for (said, params) in [
@@ -239,10 +239,10 @@ fn main() {
         ] {
             let mut tallies: [Tally; 2] = Default::default();
             let mut tiles = Vec::new();
-            for told in place.all_traced(&params, 0..seeds) {
-                tiles.extend(place.tiles(&told[0], &truth[0]));
-                for ((tally, told), truth) in tallies.iter_mut().zip(&told).zip(&truth) {
-                    tally.add(told, truth);
+            for reported in place.all_traced(&params, 0..seeds) {
+                tiles.extend(place.tiles(&reported[0], &truth[0]));
+                for ((tally, reported), truth) in tallies.iter_mut().zip(&reported).zip(&truth) {
+                    tally.add(reported, truth);
                 }
             }
             for (rows, tally) in rows.iter_mut().zip(&tallies) {

@@ -80,20 +80,20 @@ mod tests {
             ..Mesh::default()
         };
         let receiver = Receiver::new(&floor, DVec3::ZERO);
-        let told = |receiver: &Receiver, half| {
+        let reported = |receiver: &Receiver, half| {
             let mut notes = Notes::none();
             report_size(receiver, &[cube(0.0, 1.0), Aabb::EMPTY, cube(0.0, half)], 0.01, &mut notes);
             notes.iter().map(|note| note.text.clone()).collect::<Vec<_>>()
         };
-        assert_eq!(told(&receiver, 4.0), [""; 0]);
-        let text = &told(&receiver, 50.0)[0];
+        assert_eq!(reported(&receiver, 4.0), [""; 0]);
+        let text = &reported(&receiver, 50.0)[0];
         assert!(
             text.starts_with(
                 "object 2 is 173.21 units (1.73 m) large, but the whole receiver mesh is only 8.49 units large;"
             ),
             "{text}"
         );
-        assert_eq!(told(&Receiver::default(), 50.0), [""; 0]);
+        assert_eq!(reported(&Receiver::default(), 50.0), [""; 0]);
     }
 
     #[test]

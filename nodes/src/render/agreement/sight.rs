@@ -57,23 +57,12 @@ fn smaller(camera: &Camera) -> Camera {
 
 /// Cameras for the six faces of a cube around a point. The cube is not aligned with the axes, because walls often
 /// are.
-fn faces(eye: DVec3, [right, forward, up]: [DVec3; 3]) -> Vec<Camera> {
+fn faces(eye: DVec3, [right, forward, up]: [DVec3; 3]) -> [Camera; 6] {
     // Sine and cosine of 0.4 and of 0.25 radians.
     let (right, forward) = (right * 0.921_061 + forward * 0.389_418, forward * 0.921_061 - right * 0.389_418);
     let (forward, up) = (forward * 0.968_912 + up * 0.247_404, up * 0.968_912 - forward * 0.247_404);
     let focal = 0.5 * f64::from(FACE_PX);
-    let ways = [
-        (right, forward),
-        (-forward, right),
-        (-right, -forward),
-        (forward, -right),
-        (right, up),
-        (right, -up),
-    ];
-    let face = |(x, z): (DVec3, DVec3)| {
-        Camera::centred("around the object", [FACE_PX; 2], focal, [x, z.cross(x), z], eye)
-    };
-    ways.into_iter().map(face).collect()
+    Camera::cube("around the object", FACE_PX, focal, [right, forward, up], eye)
 }
 
 impl Sight {

@@ -83,18 +83,8 @@ impl Ground<'_> {
         let (forward, up) = (forward * cos + up * sin, up * cos - forward * sin);
         let half = 0.5 * f64::from(self.size_px);
         let focal = half / num::f64::tan((45.0 + GUARD_DEG).to_radians());
-        let faces = [
-            (right, forward),
-            (-forward, right),
-            (-right, -forward),
-            (forward, -right),
-            (right, up),
-            (right, -up),
-        ];
-        let see = |(x, z): (DVec3, DVec3)| {
-            self.view(&Camera::centred("face", [self.size_px; 2], focal, [x, z.cross(x), z], eye), cx)
-        };
-        faces.into_iter().map(see).collect()
+        let faces = Camera::cube("face", self.size_px, focal, [right, forward, up], eye);
+        faces.iter().map(|face| self.view(face, cx)).collect()
     }
 }
 

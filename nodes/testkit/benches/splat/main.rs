@@ -133,15 +133,15 @@ fn millions(n: u64) -> f64 {
 }
 
 /// First line that a command prints. `None` if the command fails.
-fn told(command: &mut Command) -> Option<String> {
+fn reported(command: &mut Command) -> Option<String> {
     let output = command.output().ok().filter(|output| output.status.success())?;
     Some(String::from_utf8_lossy(&output.stdout).lines().next().unwrap_or_default().to_owned())
 }
 
 /// Commit and processor with which the measurements are made, as text.
 fn origin() -> String {
-    let commit = told(Command::new("git").args(["rev-parse", "--short", "HEAD"]));
-    let changed = told(Command::new("git").args(["status", "--porcelain", "--untracked-files=no"]));
+    let commit = reported(Command::new("git").args(["rev-parse", "--short", "HEAD"]));
+    let changed = reported(Command::new("git").args(["status", "--porcelain", "--untracked-files=no"]));
     let changed = if changed.is_some_and(|line| !line.is_empty()) { " with changes" } else { "" };
     let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let model = info.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));

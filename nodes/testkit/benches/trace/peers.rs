@@ -37,7 +37,7 @@ pub fn once(data: &Data, folder: &Path, numbers: &[u32]) {
         for (name, images) in pictures {
             write(&folder.join(format!("{name}-{samples}")), &images);
         }
-        let told = serde_json::json!({
+        let reported = serde_json::json!({
             "samples": samples,
             "setup": all.setup,
             "without": alone.seconds,
@@ -45,6 +45,6 @@ pub fn once(data: &Data, folder: &Path, numbers: &[u32]) {
             "shadow": shadow.seconds - alone.seconds,
             "filter": filter,
         });
-        println!("{told}");
+        println!("{reported}");
     }
 }

@@ -47,11 +47,11 @@ pub fn table(data: &Data, numbers: &[u32], small: bool) {
             let (alone, all) = (trace(false), trace(true));
             let Traced { out, .. } = all;
             let (filtered, spent) = denoised(&out, data);
-            let told = [
+            let reported = [
                 errors(&out.object, [&out.without, &out.with], &reference),
                 errors(&out.object, [&filtered.without, &filtered.with], &reference),
             ];
-            for (square, error) in squares.iter_mut().flatten().zip(told.iter().flatten()) {
+            for (square, error) in squares.iter_mut().flatten().zip(reported.iter().flatten()) {
                 *square += error * error / seeds as f64;
             }
             for (sum, images) in objects.iter_mut().zip([&out.object, &filtered.object]) {

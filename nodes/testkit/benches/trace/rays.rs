@@ -108,8 +108,8 @@ impl Embree {
     /// Same as [`pass`], but run by Embree.
     fn pass(&mut self, set: usize) -> ([f64; 2], usize) {
         writeln!(self.program.stdin.as_mut().unwrap(), "{set}").unwrap();
-        let told = self.numbers();
-        ([told[0], told[1]], told[2] as usize)
+        let reported = self.numbers();
+        ([reported[0], reported[1]], reported[2] as usize)
     }
 
     fn end(mut self) {
@@ -169,8 +169,8 @@ pub fn table(data: &Data) {
             let mut hits = [0; 2];
             for _ in 0..ROUNDS {
                 let ours = pass(&bvh, rays);
-                let told = embree.as_mut().map_or(([f64::NAN; 2], 0), |embree| embree.pass(set));
-                for (who, (pair, found)) in [ours, told].into_iter().enumerate() {
+                let reported = embree.as_mut().map_or(([f64::NAN; 2], 0), |embree| embree.pass(set));
+                for (who, (pair, found)) in [ours, reported].into_iter().enumerate() {
                     hits[who] = found;
                     seconds[who].iter_mut().zip(pair).for_each(|(list, s)| list.push(s));
                 }

@@ -14,8 +14,8 @@ pub fn seconds(data: &Data, rounds: u32) {
         let trace = |with| case.trace(1, 2, with, Surroundings::OPEN);
         let (alone, all) = (trace(false), trace(true));
         let (filtered, filter) = denoised(&all.out, data);
-        let told = [alone.setup, all.setup, alone.seconds, all.seconds - alone.seconds, filter];
-        lists.iter_mut().zip(told).for_each(|(list, seconds)| list.push(seconds));
+        let reported = [alone.setup, all.setup, alone.seconds, all.seconds - alone.seconds, filter];
+        lists.iter_mut().zip(reported).for_each(|(list, seconds)| list.push(seconds));
         let mut hasher = blake3::Hasher::new();
         let out = &all.out;
         let pictures = [&out.without, &out.with, &out.object, &out.depth, &out.normal, &out.variance];

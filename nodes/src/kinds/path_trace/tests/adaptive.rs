@@ -127,16 +127,19 @@ fn variance_is_that_of_many_seeds() {
     for n in [2, 4, 16] {
         for layer in [0, 2, 3] {
             let outs = seeds(&params(n, Surroundings::OPEN), 20, layer);
-            let (mut told, mut is) = (0.0, 0.0);
+            let (mut reported, mut is) = (0.0, 0.0);
             for i in 0..32 * 32 {
                 let mean = outs.iter().map(|out| out[i][0]).sum::<f64>() / 20.0;
                 is += outs.iter().map(|out| (out[i][0] - mean) * (out[i][0] - mean)).sum::<f64>() / 19.0;
-                told += outs.iter().map(|out| out[i][1]).sum::<f64>() / 20.0;
+                reported += outs.iter().map(|out| out[i][1]).sum::<f64>() / 20.0;
             }
             // Pixels without an edge are almost exact after four samples. The benefit of stratification grows with
             // the number of samples.
             let most = if layer == 3 { 3.0 + f64::from(n) } else { f64::INFINITY };
-            assert!(is > 0.0 && told >= 0.9 * is && told <= most * is, "{n}, {layer}: {told} of {is}");
+            assert!(
+                is > 0.0 && reported >= 0.9 * is && reported <= most * is,
+                "{n}, {layer}: {reported} of {is}"
+            );
         }
     }
 }
@@ -192,15 +195,15 @@ fn intervals_cover_where_samples_are_adapted() {
 fn what_would_reach_the_error_is_reported() {
     use crate::kinds::path_trace::reporting::report_plan;
     use crate::render::transport::picture::accumulator::ReachedError;
-    let told = |asked: f64, worst: f64| {
+    let reported = |asked: f64, worst: f64| {
         let reached = ReachedError { asked, worst, predicted: worst, blocks: [4, 3, 2], samples: 16.0 };
         let mut notes = Notes::none();
         report_plan("v", &reached, 16, &mut notes);
         assert!(notes.is_degraded());
         notes.iter().find(|n| n.id == "error-not-reached").map(|n| n.text.clone()).expect("a note")
     };
-    let text = told(0.01, 0.051);
+    let text = reported(0.01, 0.051);
     assert!(text.contains("after 16 samples per pixel") && text.contains("above 0.01 in 2 of 4 blocks"));
     assert!(text.contains("`samples` to about 420") && text.contains("`max_error` to 5.10e-2"), "{text}");
-    assert!(told(1e-6, 0.05).contains("more `samples` than the maximum"));
+    assert!(reported(1e-6, 0.05).contains("more `samples` than the maximum"));
 }

@@ -16,7 +16,7 @@ fn at_the_foot(z: f64) -> Arc<Rig> {
     rig(DVec3::new(-1.0, 0.05, 0.3 + z), DVec3::new(-0.2, 0.0, z), 24, 20.0)
 }
 
-fn told(surroundings: Surroundings) -> PathTrace {
+fn reported(surroundings: Surroundings) -> PathTrace {
     PathTrace { contact_metres: Some(0.02), ..params(64, surroundings) }
 }
 
@@ -27,7 +27,7 @@ fn no_light_gets_in_under_a_foot() {
     let mirror = Material { double_sided: true, ..Material::default() };
     for material in [matte(0.6), mirror, clear(0.9, Some([0.0; 3]), 1.5)] {
         for z in HEIGHTS {
-            let params = told(Surroundings::OPEN);
+            let params = reported(Surroundings::OPEN);
             let (out, _) = render(&params, &room(), &cube(&material, z), &at_the_foot(z), &white());
             let object = samples(&out.object).chunks(4);
             assert!(object.clone().any(|pixel| pixel[3] == 1.0), "it is seen");
@@ -47,7 +47,7 @@ fn a_sunk_foot_is_lit_like_one_on_the_floor() {
     env.origin = Some(DVec3::new(-0.5, 0.4, 1.6));
     for surroundings in [Surroundings::Projected, Surroundings::ROOM] {
         let seen = |z: f64| {
-            let params = told(surroundings);
+            let params = reported(surroundings);
             let (out, _) = render(&params, &room(), &cube(&matte(0.6), z), &at_the_foot(z), &env);
             [covered(&out.object), mean(&out.with)]
         };
@@ -77,16 +77,16 @@ fn what_is_beyond_the_walls_takes_no_light() {
     let object = [ball(0.5, matte(0.5), DVec3::new(0.5, 0.5, 1.0))];
     let seen = |mesh: &Mesh| {
         let (out, notes) = render(&params(16, Surroundings::Auto), mesh, &object, &inside(), &white());
-        let told = notes.iter().find(|note| note.id == "surroundings").expect("a decision").text.clone();
-        ([mean(&out.without), mean(&out.with), covered(&out.object)], told)
+        let reported = notes.iter().find(|note| note.id == "surroundings").expect("a decision").text.clone();
+        ([mean(&out.without), mean(&out.with), covered(&out.object)], reported)
     };
-    let (alone, told) = seen(&merge(room(), nothing));
-    assert!(told.starts_with("Room") && told.contains("would arrive along 100.0 % of"), "{told}");
+    let (alone, reported) = seen(&merge(room(), nothing));
+    assert!(reported.starts_with("Room") && reported.contains("would arrive along 100.0 % of"), "{reported}");
     for around in [outer.clone(), next.clone(), merge(outer, next), storey] {
-        let (found, told) = seen(&merge(room(), around));
-        assert!(told.starts_with("Room"), "{told}");
+        let (found, reported) = seen(&merge(room(), around));
+        assert!(reported.starts_with("Room"), "{reported}");
         for (a, b) in alone.iter().zip(found) {
-            assert!((a / b - 1.0).abs() < 1e-6, "{alone:?} {found:?}: {told}");
+            assert!((a / b - 1.0).abs() < 1e-6, "{alone:?} {found:?}: {reported}");
         }
     }
     // All light also passes if otherwise nearly none would arrive: here through a hole in the ceiling, in a hall.
@@ -94,12 +94,15 @@ fn what_is_beyond_the_walls_takes_no_light() {
     walls.iter_mut().for_each(|mesh| _ = mesh.triangles.remove(2));
     let holed = walls.into_iter().fold(beside([-10.0; 3], [10.0; 3]), merge);
     for mesh in [merge(room(), twice), holed] {
-        let (found, told) = seen(&mesh);
-        assert!(told.starts_with("Transparent") && (found[0] - 0.5).abs() < 5e-3, "{told}: {found:?}");
+        let (found, reported) = seen(&mesh);
+        assert!(
+            reported.starts_with("Transparent") && (found[0] - 0.5).abs() < 5e-3,
+            "{reported}: {found:?}"
+        );
     }
     let table = box_mesh([-0.5, -0.5, 0.5], [0.5, 0.5, 1.0], false);
-    let (furnished, told) = seen(&merge(room(), table));
-    assert!(told.starts_with("Room") && furnished[0] < 0.95 * alone[0], "{told}: {furnished:?}");
+    let (furnished, reported) = seen(&merge(room(), table));
+    assert!(reported.starts_with("Room") && furnished[0] < 0.95 * alone[0], "{reported}: {furnished:?}");
 }
 
 /// An object behind a wall, in the next room, changes nothing in this room, since it does not block the light of

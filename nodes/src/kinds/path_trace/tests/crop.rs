@@ -17,7 +17,7 @@ struct Afar {
 struct Traced {
     ratio: Vec<f64>,
     rays: u64,
-    told: Option<String>,
+    reported: Option<String>,
     out: Out,
 }
 
@@ -37,10 +37,10 @@ impl Afar {
         let objects = [self.object.clone()];
         let objects = if with { &objects[..] } else { &[] };
         let (out, notes) = render_in(&cx, &how, &self.receiver, objects, &camera, &self.env);
-        let told = notes.iter().find(|note| note.id == "cropped").map(|note| note.text.clone());
+        let reported = notes.iter().find(|note| note.id == "cropped").map(|note| note.text.clone());
         let pairs = samples(&out.without).iter().zip(samples(&out.with));
         let ratio = pairs.map(|(a, b)| if *a > 0.0 { f64::from(b / a) } else { 1.0 }).collect();
-        Traced { ratio, rays: cx.counts()["rays"], told, out }
+        Traced { ratio, rays: cx.counts()["rays"], reported, out }
     }
 }
 
@@ -63,7 +63,7 @@ fn what_is_left_out_is_within_the_bound() {
         let truth = Afar { how: PathTrace { samples: 64, ..few.how.clone() }, ..few }.trace(0.0, true);
         assert_eq!(samples(&cropped.out.without), samples(&full.out.without));
         assert_eq!(samples(&cropped.out.object), samples(&full.out.object));
-        assert!(cropped.told.is_some() && full.told.is_none(), "{name}");
+        assert!(cropped.reported.is_some() && full.reported.is_none(), "{name}");
         let (mut left_out, mut worst) = (0, 0.0_f64);
         for tile in 0..64 {
             let pixels = (0..64).map(|i| (tile / 8 * 8 + i / 8) * 64 + tile % 8 * 8 + i % 8);
@@ -108,13 +108,13 @@ fn nothing_is_left_out_that_no_bound_is_known_of() {
     ] {
         // A mirror that reflects the sun this far changes little.
         let found = scene.trace(if name.contains("mirrors") { 2e-4 } else { 0.004 }, true);
-        assert_eq!(found.told, None, "{name}");
+        assert_eq!(found.reported, None, "{name}");
         assert_eq!(found.ratio, scene.trace(0.0, true).ratio, "{name}");
     }
     // Surfaces that scattered rays do not hit reflect nothing.
     let how = PathTrace { surroundings: Surroundings::Open { bounces: false }, ..floor().how };
     let scene = Afar { receiver: merge(plane(40.0), wall), how, ..floor() };
-    assert!(scene.trace(0.004, true).told.is_some());
+    assert!(scene.trace(0.004, true).reported.is_some());
 }
 
 /// The change does not exceed the bound in synthetic scenes that are designed to make it large: mirrors, lenses,
@@ -191,7 +191,7 @@ fn no_ray_asks_an_object_that_is_far_from_all() {
         // One ray per pixel finds the front surface where the camera may see the object.
         assert!(found.rays <= none.rays + 64 * 64, "{at:?}");
         assert_eq!(samples(&found.out.with), samples(&found.out.without));
-        assert!(found.told.is_some());
+        assert!(found.reported.is_some());
     }
 }
 
@@ -227,7 +227,7 @@ fn near_light_is_not_asked_for_what_is_far() {
     }
     let floor = scene(plane(40.0), DVec3::new(0.0, 0.0, 0.4));
     let (cropped, full) = (floor.trace(0.002, true), floor.trace(0.0, true));
-    assert!(cropped.told.is_some() && cropped.rays < full.rays);
+    assert!(cropped.reported.is_some() && cropped.rays < full.rays);
     // A black roof over almost black ground reflects nearly nothing, but hides a large part of the sky from
     // everything under it. This assertion fails if `near_bound` leaves out `hidden_light`.
     let mut dark = rough();
@@ -239,5 +239,5 @@ fn near_light_is_not_asked_for_what_is_far() {
     for (x, y) in (height / 2..height).flat_map(|y| (0..width).map(move |x| (x, y))) {
         roof.env.image.pixel_mut(x, y).fill(1e-4);
     }
-    assert_eq!(roof.trace(0.1, true).told, None);
+    assert_eq!(roof.trace(0.1, true).reported, None);
 }

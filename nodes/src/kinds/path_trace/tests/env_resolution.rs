@@ -102,8 +102,8 @@ fn what_is_reported_to_suffice_does() {
         let seen = |environment: &Environment| {
             let (out, notes) =
                 render(&params(64, Surroundings::OPEN), &plane(3.0), &objects, &camera, environment);
-            let told = notes.iter().any(|note| note.id == "finer-than-needed");
-            assert_eq!(told, environment.image.width >= 2 * enough.columns);
+            let reported = notes.iter().any(|note| note.id == "finer-than-needed");
+            assert_eq!(reported, environment.image.width >= 2 * enough.columns);
             let ratio = samples(&out.with).iter().zip(samples(&out.without)).map(|(a, b)| f64::from(a / b));
             (
                 ratio.collect::<Vec<_>>(),

@@ -110,13 +110,13 @@ fn a_stray_triangle_and_a_huge_floor_change_nothing() {
 // Coordinates that are still too coarse are reported.
 #[test]
 fn an_object_too_far_for_its_size_is_reported() {
-    let told = |distance: f64| {
+    let reported = |distance: f64| {
         let camera = rig(DVec3::new(0.0, -distance, 0.0), DVec3::ZERO, 4, 2.0 * distance);
         let object = [ball(0.5, matte(0.5), DVec3::ZERO)];
         let (_, notes) = render(&params(1, Surroundings::OPEN), &plane(2.0), &object, &camera, &white());
         notes.iter().any(|note| note.id == "coarse-coordinates")
     };
-    assert!(!told(1e3) && told(1e4));
+    assert!(!reported(1e3) && reported(1e4));
 }
 
 // A whole scene (receiver, objects and camera) that is moved by 1e6, or made a million times larger or smaller,
@@ -269,13 +269,13 @@ fn the_noise_of_the_ratio_is_that_of_any_light() {
         let ratio: Vec<f32> = samples(&out.variance).iter().skip(3).step_by(4).copied().collect();
         (ratio, notes.iter().any(|note| note.id == "variance-range"))
     };
-    let (plain, told) = at(0);
-    assert!(!told && plain.iter().any(|v| *v > 0.0));
+    let (plain, reported) = at(0);
+    assert!(!reported && plain.iter().any(|v| *v > 0.0));
     for exponent in [-80, 66, 100] {
-        let (ratio, told) = at(exponent);
+        let (ratio, reported) = at(exponent);
         let off = ratio.iter().zip(&plain).filter(|(a, b)| a != b).count();
         row(48, "variances of the ratio that differ at 2^-80, 2^66 and 2^100 of the light", off as f64, 0.0);
-        assert!(told, "2^{exponent}");
+        assert!(reported, "2^{exponent}");
     }
 }
 
@@ -283,14 +283,14 @@ fn the_noise_of_the_ratio_is_that_of_any_light() {
 #[test]
 fn one_sample_reports_no_variance() {
     let (plane, objects, rig) = shadowed();
-    let told = |n| {
+    let reported = |n| {
         let (out, notes) = render(&params(n, Surroundings::OPEN), &plane, &objects, &rig, &sunny());
         let views = out.report.tables.iter().find(|table| table.name == "views").expect("is there");
         let error = views.rows[0][2] == crate::types::Cell::Missing;
         let noise = samples(&out.variance).iter().any(|v| *v != 0.0);
         (error, noise, notes.iter().any(|note| note.id == "no-variance"))
     };
-    assert_eq!((told(1), told(2)), ((true, false, true), (false, true, false)));
+    assert_eq!((reported(1), reported(2)), ((true, false, true), (false, true, false)));
 }
 
 // A black, a very bright and a subnormal sky, broken triangles, and an empty receiver.

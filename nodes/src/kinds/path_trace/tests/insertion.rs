@@ -159,9 +159,9 @@ fn one_of_several_objects_that_is_not_seen_is_named() {
     ] {
         let both = [objects[0].clone(), second];
         let (_, notes) = render(&params(4, Surroundings::OPEN), &plane, &both, &rig, &white());
-        let told = notes.iter().find(|note| ["object-hidden", "object-outside"].contains(&&*note.id));
-        assert_eq!(told.map(|note| note.id.as_str()), expected.map(|(id, _)| id));
-        if let (Some(note), Some((_, text))) = (told, expected) {
+        let reported = notes.iter().find(|note| ["object-hidden", "object-outside"].contains(&&*note.id));
+        assert_eq!(reported.map(|note| note.id.as_str()), expected.map(|(id, _)| id));
+        if let (Some(note), Some((_, text))) = (reported, expected) {
             assert!(note.text.starts_with(text), "{}", note.text);
         }
     }

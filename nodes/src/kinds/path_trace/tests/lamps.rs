@@ -247,14 +247,14 @@ fn objects_stand_on_objects() {
     let cube = box_mesh([-0.2, -0.2, 0.0], [0.2, 0.2, 0.2], false);
     let [table, on_it, aloft] = [0.0, 0.2, 0.4].map(|z| placed(&cube, matte(0.5), DVec3::Z * z));
     let camera = rig(DVec3::new(0.0, -4.0, 2.5), DVec3::ZERO, 8, 2.0);
-    let told = |objects: &[Arc<Placed>]| {
+    let reported = |objects: &[Arc<Placed>]| {
         let params = PathTrace { contact_metres: None, ..params(1, Surroundings::OPEN) };
         let (_, notes) = render(&params, &plane(4.0), objects, &camera, &white());
         notes.iter().filter(|note| note.id == "off-the-ground").count()
     };
-    assert_eq!(told(&[table.clone(), on_it.clone()]), 0);
-    assert_eq!(told(&[on_it]), 1);
-    assert_eq!(told(&[table, aloft]), 1);
+    assert_eq!(reported(&[table.clone(), on_it.clone()]), 0);
+    assert_eq!(reported(&[on_it]), 1);
+    assert_eq!(reported(&[table, aloft]), 1);
 }
 
 /// An object beyond the edge of the receiver is reported. An object that stands on the edge or extends over it is
@@ -265,15 +265,15 @@ fn an_object_beyond_the_edge_has_no_ground() {
     let cube = box_mesh([-0.2, -0.2, 0.0], [0.2, 0.2, 0.2], false);
     let at = |x: f64, z: f64| placed(&cube, matte(0.5), DVec3::new(x, 0.0, z));
     let camera = rig(DVec3::new(0.0, -4.0, 2.5), DVec3::ZERO, 8, 2.0);
-    let told = |objects: &[Arc<Placed>]| {
+    let reported = |objects: &[Arc<Placed>]| {
         let params = PathTrace { contact_metres: None, ..params(1, Surroundings::OPEN) };
         let (_, notes) = render(&params, &plane(4.0), objects, &camera, &white());
         notes.iter().find(|note| note.id == "no-ground").map(|note| note.text.clone())
     };
-    assert_eq!(told(&[at(0.0, 0.0), at(0.0, 3.0), at(0.0, 0.21)]), None);
-    let text = told(&[at(0.0, 0.0), at(9.0, 0.0), at(9.0, 0.2)]).expect("a note");
+    assert_eq!(reported(&[at(0.0, 0.0), at(0.0, 3.0), at(0.0, 0.21)]), None);
+    let text = reported(&[at(0.0, 0.0), at(9.0, 0.0), at(9.0, 0.2)]).expect("a note");
     assert!(text.starts_with("object 1 stands over a hole"), "{text}");
-    assert_eq!(told(&[at(0.0, -3.0)]), None);
+    assert_eq!(reported(&[at(0.0, -3.0)]), None);
 }
 
 /// The shadow of a boulder half in the ground touches the boulder. A boulder entirely under the ground is
@@ -286,8 +286,8 @@ fn half_buried_objects_meet_their_shadows() {
         let params = PathTrace { contact_metres: None, ..params(1, Surroundings::OPEN) };
         let (_, notes) = render(&params, &plane(4.0), &boulder, &camera, &white());
         let ids = notes.iter().map(|note| note.id.clone());
-        let told: Vec<_> = ids.filter(|id| id.ends_with("the-ground")).collect();
-        assert_eq!(told, [id], "{z}");
+        let reported: Vec<_> = ids.filter(|id| id.ends_with("the-ground")).collect();
+        assert_eq!(reported, [id], "{z}");
     }
 }
 
@@ -303,8 +303,8 @@ fn a_point_of_capture_under_the_ground_is_taken_over_it() {
             let mut env = sunny();
             env.origin = Some(DVec3::new(0.5, 0.2, z));
             let (out, notes) = render(&params(32, Surroundings::Auto), &mesh, &objects, &camera, &env);
-            let told = notes.iter().any(|note| note.id == "capture-under-ground");
-            ([mean(&out.without), mean(&out.with), mean(&out.object)], told)
+            let reported = notes.iter().any(|note| note.id == "capture-under-ground");
+            ([mean(&out.without), mean(&out.with), mean(&out.object)], reported)
         };
         let (over, no) = go(0.01);
         assert!(!no && over[0] > 0.0);
@@ -337,8 +337,8 @@ fn a_point_of_capture_where_no_camera_stood_is_reported() {
     ] {
         let env = Environment { origin: Some(origin), ..white() };
         let (_, notes) = render(&params(1, Surroundings::Auto), mesh, &[], &inside(), &env);
-        let told = notes.iter().find(|note| note.id.starts_with("capture-")).map(|note| note.id.as_str());
-        assert_eq!(told, expected, "{origin}");
+        let reported = notes.iter().find(|note| note.id.starts_with("capture-")).map(|note| note.id.as_str());
+        assert_eq!(reported, expected, "{origin}");
     }
 }
 

@@ -200,7 +200,7 @@ fn lamps_light_what_is_around_them() {
 fn paths_that_are_too_long_are_reported() {
     let clear = Material { transmission: Map::of(1.0), roughness: 0.0, ..matte(1.0) };
     let camera = rig(DVec3::new(0.0, -3.0, 0.0), DVec3::ZERO, 8, 8.0);
-    for (sheets, max_bounces, told) in [(6, 8, false), (12, 8, true), (12, 16, false)] {
+    for (sheets, max_bounces, reported) in [(6, 8, false), (12, 8, true), (12, 16, false)] {
         let quad = box_mesh([-1.0, 0.0, -1.0], [1.0, 0.0, 1.0], false);
         let quad = Mesh { triangles: quad.triangles[4..6].to_vec(), ..quad };
         let rows = (0..sheets).map(|i| placed(&quad, clear.clone(), DVec3::Y * (0.1 * f64::from(i))));
@@ -208,10 +208,10 @@ fn paths_that_are_too_long_are_reported() {
         let objects: Vec<_> = rows.collect();
         let (out, notes) = render(&how, &Mesh::default(), &objects, &camera, &white());
         let note = notes.iter().find(|note| note.id == "paths-cut");
-        assert_eq!(note.is_some(), told, "{sheets} {max_bounces}");
+        assert_eq!(note.is_some(), reported, "{sheets} {max_bounces}");
         // Long paths end at random, so their mean is noisy.
         let light = covered(&out.object);
-        let expected = if told { light < 0.01 } else { (light - 1.0).abs() < 0.2 };
+        let expected = if reported { light < 0.01 } else { (light - 1.0).abs() < 0.2 };
         assert!(expected, "{sheets} {max_bounces}: {light}");
     }
 }

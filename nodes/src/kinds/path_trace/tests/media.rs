@@ -298,7 +298,7 @@ fn light_samples_and_scattered_rays_agree_through_bodies() {
 // More nested bodies than a path tracks are reported.
 #[test]
 fn bodies_beyond_the_deepest_are_reported() {
-    let told = |count: u32| {
+    let reported = |count: u32| {
         let bodies: Vec<_> = (0..count)
             .map(|k| {
                 slab(0.1 * k as f32, 2.0 - 0.1 * k as f32, 1.0 - 0.1 * k as f32, tinted(1.0 + 0.1 * k as f32))
@@ -307,8 +307,8 @@ fn bodies_beyond_the_deepest_are_reported() {
         let (_, notes) = render(&params(1, Surroundings::OPEN), &plane(4.0), &bodies, &above(4.0), &white());
         notes.iter().find(|note| note.id == "nested-bodies").map(|note| note.text.clone())
     };
-    assert_eq!(told(4), None);
-    let text = told(6).expect("a note");
+    assert_eq!(reported(4), None);
+    let text = reported(6).expect("a note");
     assert!(text.starts_with("6 transparent bodies are nested"), "{text}");
     // Bodies next to each other are not nested.
     let aside: Vec<_> = (0..6).map(|k| ball(0.2, tinted(1.1), DVec3::new(f64::from(k), 0.0, 1.0))).collect();

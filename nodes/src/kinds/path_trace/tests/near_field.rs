@@ -97,8 +97,8 @@ fn a_white_room_is_half_lit() {
         let p = PathTrace { max_bounces, ..near(256) };
         let (out, notes) = render(&p, &room(), &[], &inside(), &env);
         assert!((mean(&out.without) - 0.5).abs() < 1.5e-3, "{}", mean(&out.without));
-        let told = notes.iter().find(|note| note.id == "surroundings").expect("a decision");
-        assert!(told.text.starts_with("Projected: "));
+        let reported = notes.iter().find(|note| note.id == "surroundings").expect("a decision");
+        assert!(reported.text.starts_with("Projected: "));
     }
 }
 
@@ -111,10 +111,16 @@ fn auto_is_near_where_the_receiver_is_what_the_panorama_shows() {
         let (_, notes) = render(&params(1, Surroundings::Auto), &plane(floor), &[], &inside(), &env);
         notes.iter().find(|note| note.id == "surroundings").map(|note| note.text.clone()).unwrap_or_default()
     };
-    let told = decided(400.0, Some(DVec3::Z));
-    assert!(told.starts_with("Projected: ") && told.ends_with("captured inside this mesh"), "{told}");
-    let told = decided(0.5, Some(DVec3::Z));
-    assert!(told.starts_with("Open: ") && told.ends_with("too few probe rays hit the mesh"), "{told}");
+    let reported = decided(400.0, Some(DVec3::Z));
+    assert!(
+        reported.starts_with("Projected: ") && reported.ends_with("captured inside this mesh"),
+        "{reported}"
+    );
+    let reported = decided(0.5, Some(DVec3::Z));
+    assert!(
+        reported.starts_with("Open: ") && reported.ends_with("too few probe rays hit the mesh"),
+        "{reported}"
+    );
     assert!(decided(400.0, None).ends_with("the environment has no point of capture"));
 }
 

@@ -215,20 +215,20 @@ fn a_picture_in_a_rough_wall_is_reported() {
         };
         [placed(&card, matte(0.5), DVec3::Y * y)]
     };
-    let told = |noise: f32, y: f64| {
+    let reported = |noise: f32, y: f64| {
         let (out, notes) =
             render(&params(4, Surroundings::OPEN), &rough_wall(noise), &picture(y), &camera, &white());
         let note = notes.iter().find(|note| note.id == "in-a-surface").map(|note| note.text.clone());
         (note, samples(&out.object).chunks(4).map(|pixel| pixel[3]).sum::<f32>())
     };
-    let (note, cover) = told(0.005, 0.0);
+    let (note, cover) = reported(0.005, 0.0);
     let note = note.expect("a note");
     assert!(note.starts_with("object 0 is partly embedded in the receiver mesh, which hides "), "{note}");
     let farther = note.split("; ").nth(1).and_then(|text| text.split(' ').nth(5)).expect("a length");
     let farther: f64 = farther.parse().expect("a number");
-    let (none, whole) = told(0.005, -farther * 1e-3);
+    let (none, whole) = reported(0.005, -farther * 1e-3);
     assert!(none.is_none() && cover < 0.8 * whole && (3.0..7.0).contains(&farther), "{note} {cover} {whole}");
-    assert_eq!(told(0.0, 0.0).0, None);
+    assert_eq!(reported(0.0, 0.0).0, None);
 }
 
 /// An object that stands exactly on a floor is not reported as embedded in a surface, whatever `contact_metres` is:
@@ -244,10 +244,10 @@ fn what_stands_on_a_floor_lies_in_no_surface() {
     let camera = rig(DVec3::new(2.0, -3.0, 2.0), DVec3::ZERO, 16, 1.5);
     for contact_metres in [None, Some(0.0), Some(0.02)] {
         let params = PathTrace { contact_metres, ..params(4, Surroundings::OPEN) };
-        let told = |z: f64| render(&params, &plane(3.0), &cube(z), &camera, &white()).1;
-        assert!(told(0.0).iter().all(|note| note.id != "in-a-surface"), "{contact_metres:?}");
+        let reported = |z: f64| render(&params, &plane(3.0), &cube(z), &camera, &white()).1;
+        assert!(reported(0.0).iter().all(|note| note.id != "in-a-surface"), "{contact_metres:?}");
         for (z, id) in [(0.2, "off-the-ground"), (-0.2, "in-the-ground")] {
-            assert!(told(z).iter().any(|note| note.id == id), "{contact_metres:?} {z}");
+            assert!(reported(z).iter().any(|note| note.id == id), "{contact_metres:?} {z}");
         }
     }
 }

@@ -15,15 +15,15 @@ fn solid_box_is_black() {
 // A black picture is reported, with the reason.
 #[test]
 fn darkness_is_reported() {
-    let told = |mesh: &Mesh, block, env: &Environment| {
+    let reported = |mesh: &Mesh, block, env: &Environment| {
         let (_, notes) = render(&params(1, block), mesh, &[], &inside(), env);
         notes.iter().find(|note| note.id == "no-light").map(|note| note.text.clone()).unwrap_or_default()
     };
     let black = constant(Up::PlusZ, [0.0; 3], 8);
-    assert!(told(&room(), Surroundings::OPEN, &white()).contains("the mesh blocks all light"));
-    assert!(told(&room(), Surroundings::TRANSPARENT, &black).contains("the environment is black"));
-    assert_eq!(told(&room(), Surroundings::TRANSPARENT, &white()), "");
-    assert_eq!(told(&Mesh::default(), Surroundings::OPEN, &white()), "", "all sky");
+    assert!(reported(&room(), Surroundings::OPEN, &white()).contains("the mesh blocks all light"));
+    assert!(reported(&room(), Surroundings::TRANSPARENT, &black).contains("the environment is black"));
+    assert_eq!(reported(&room(), Surroundings::TRANSPARENT, &white()), "");
+    assert_eq!(reported(&Mesh::default(), Surroundings::OPEN, &white()), "", "all sky");
 }
 
 // With a constant environment of 1, an albedo of 0.5 and a receiver that lets light pass, the radiance is 0.5 for
@@ -62,7 +62,7 @@ fn printed_visibility_lights_nothing() {
 // Light that counts twice is reported, with its amount.
 #[test]
 fn double_counting_is_reported() {
-    let told = |bounces, max_bounces| {
+    let reported = |bounces, max_bounces| {
         let p = PathTrace { max_bounces, ..params(1, Surroundings::Transparent { bounces }) };
         let (_, notes) = render(&p, &room(), &[], &inside(), &white());
         let note = notes.iter().find(|n| n.id == "double-count")?;
@@ -71,9 +71,9 @@ fn double_counting_is_reported() {
         words[percent - 1].parse::<f64>().ok()
     };
     // Each bounce adds half of the previous light at an albedo of 0.5.
-    assert_eq!(told(false, 8), None);
+    assert_eq!(reported(false, 8), None);
     for (bounces, expected) in [(0, 0.0), (1, 50.0), (30, 100.0)] {
-        let percent = told(true, bounces).expect("a warning");
+        let percent = reported(true, bounces).expect("a warning");
         assert!((percent - expected).abs() < 6.0, "{bounces} bounces: {percent} %");
     }
 }
@@ -201,11 +201,14 @@ fn a_window_does_not_take_the_light_of_the_lamp() {
         (mean(&out.without), note.text.clone())
     };
     for rig in [&corner, &window] {
-        let ((closed, _), (open, told)) = (seen(&room(), rig, &evening), seen(&holed, rig, &evening));
-        assert!(told.starts_with("Room") && (open / closed - 1.0).abs() < 0.05, "{told}: {open}, {closed}");
+        let ((closed, _), (open, reported)) = (seen(&room(), rig, &evening), seen(&holed, rig, &evening));
+        assert!(
+            reported.starts_with("Room") && (open / closed - 1.0).abs() < 0.05,
+            "{reported}: {open}, {closed}"
+        );
     }
-    let (_, told) = seen(&holed, &window, &day);
-    assert!(told.starts_with("Open") && told.contains("a solid mesh would let in"), "{told}");
+    let (_, reported) = seen(&holed, &window, &day);
+    assert!(reported.starts_with("Open") && reported.contains("a solid mesh would let in"), "{reported}");
 }
 
 // Surfaces farther away than the radius do not block light. With a radius smaller than the room nothing of the

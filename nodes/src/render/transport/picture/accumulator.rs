@@ -246,8 +246,8 @@ pub(crate) fn finish(
         for (sum, v) in errors.iter_mut().zip(spreads) {
             *sum += v;
         }
-        let told = variance.pixel_mut(x, y);
-        for (to, v) in told.iter_mut().zip(spreads.into_iter().chain([spread.ratio])) {
+        let reported = variance.pixel_mut(x, y);
+        for (to, v) in reported.iter_mut().zip(spreads.into_iter().chain([spread.ratio])) {
             *to = (v as f32).min(f32::MAX);
             beyond += u64::from(v > f64::from(f32::MAX) || (v > 0.0 && *to == 0.0));
         }

@@ -199,10 +199,13 @@ fn follows(
         let (u, v) = equirect::uv(Up::PlusY, sample.direction.as_dvec3());
         let [x, y] = [(u, width), (v, height)].map(|(at, size)| ((at * size as f64) as usize).min(size - 1));
         counts[y * width + x] += 1.0;
-        let told = pdf(sample.direction);
+        let reported = pdf(sample.direction);
         // Rounding may move a direction across an edge.
-        let same = (sample.pdf - told).abs() <= 1e-3 * told;
-        assert!(same || sky.radiance(sample.direction) != sample.radiance, "{what}: {sample:?} for {told}");
+        let same = (sample.pdf - reported).abs() <= 1e-3 * reported;
+        assert!(
+            same || sky.radiance(sample.direction) != sample.radiance,
+            "{what}: {sample:?} for {reported}"
+        );
     }
     let density = |bin| f64::from(n) * f64::from(pdf(towards(bin)));
     let expected: Vec<f64> =

@@ -1,0 +1,53 @@
+//! Choice of a part of a file.
+
+use exr::meta::header::Header;
+
+/// Name of the part of a header.
+pub(super) fn part_name(header: &Header) -> String {
+    header.own_attributes.layer_name.as_ref().map_or_else(String::new, ToString::to_string)
+}
+
+/// True if a part has colour channels without a layer name, or a single grey channel.
+fn has_colours(header: &Header) -> bool {
+    let has = |name: &str| header.channels.list.iter().any(|channel| channel.name.eq(name));
+    let all = |names: [&str; 3]| names.into_iter().all(has);
+    all(["R", "G", "B"]) || all(["r", "g", "b"]) || has("Y")
+}
+
+/// The part of a file that contains a layer, and the name of the layer within the part. An empty name selects the
+/// first flat part with colours or, if no part has colours, the first flat part. Any other name is the name of a
+/// layer in any part, the name of a part, or both, separated by a dot or a slash.
+pub fn choose_part<'a>(headers: &'a [Header], layer: &str) -> Option<(&'a Header, String)> {
+    let flat = || headers.iter().filter(|header| !header.deep);
+    let first = flat().next()?;
+    if layer.is_empty() {
+        return Some((flat().find(|header| has_colours(header)).unwrap_or(first), String::new()));
+    }
+    let holds = |header: &&Header, name: &str| {
+        let channels = header.channels.list.iter().map(|channel| channel.name.to_string());
+        channels.into_iter().any(|channel| {
+            channel == name || channel.strip_prefix(name).is_some_and(|rest| rest.starts_with('.'))
+        })
+    };
+    if let Some(header) = flat().find(|header| holds(header, layer)) {
+        return Some((header, layer.to_owned()));
+    }
+    for header in flat() {
+        let name = part_name(header);
+        let Some(rest) = layer.strip_prefix(&*name).filter(|_| !name.is_empty()) else { continue };
+        if let [only] = &*header.channels.list
+            && rest.is_empty()
+        {
+            return Some((header, only.name.to_string()));
+        }
+        if rest.is_empty() {
+            return Some((header, String::new()));
+        }
+        if let Some(rest) = rest.strip_prefix(['.', '/'])
+            && holds(&header, rest)
+        {
+            return Some((header, rest.to_owned()));
+        }
+    }
+    Some((first, layer.to_owned()))
+}
