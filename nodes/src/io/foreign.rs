@@ -6,8 +6,8 @@ use crate::error::Error;
 /// UTF-8 byte-order mark, which some editors put in front of a text.
 pub const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
 
-/// Removes a byte-order mark at the start of JSON, and NUL bytes and white space at its end, with which programs
-/// pad chunks.
+/// Removes a byte-order mark at the start of JSON, and NUL bytes and white space at its end. Programs pad chunks
+/// with such bytes.
 pub fn json_text(bytes: &[u8]) -> &[u8] {
     let mut text = bytes.strip_prefix(BYTE_ORDER_MARK).unwrap_or(bytes);
     while let [rest @ .., 0 | b' ' | b'\t' | b'\r' | b'\n'] = text {
@@ -16,8 +16,8 @@ pub fn json_text(bytes: &[u8]) -> &[u8] {
     text
 }
 
-/// Rejects placeholders that other programs leave in place of a file, and formats that no reader supports, each
-/// with a remedy. Readers call this before they detect their own formats.
+/// Rejects placeholders that other programs leave in place of a file, and formats that no reader supports. The
+/// error suggests a remedy. Readers call this before they detect their own formats.
 ///
 /// # Errors
 /// [`Error::Unsupported`], which names the format of the file.

@@ -284,7 +284,7 @@ mod tests {
     }
 
     /// A picture of 3 x 2 pixels, stored in each of the eight orientations, is always decoded to the same pixels.
-    /// This test fails if `side.forward == side.across` is `side.forward`.
+    /// This test fails if `side.forward == side.across` is replaced with `side.forward`.
     #[test]
     fn every_orientation_is_the_same_picture() {
         // Rows from the top, values 1 to 6.

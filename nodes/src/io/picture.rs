@@ -16,7 +16,7 @@ use crate::error::Error;
 use crate::types::{Data, Image, Linear, Picture, Srgb};
 
 engine::choices! {
-    /// Meaning of the numbers of a file.
+    /// Meaning of the sample values in a picture file.
     pub enum FileEncoding {
         /// PNG and JPEG hold display colours, unless their colour profile declares linear light; OpenEXR and
         /// Radiance hold linear light.
@@ -30,18 +30,19 @@ engine::choices! {
     }
 }
 
-/// Reads the head of a picture; `None` for other files.
+/// Reads the head of a picture; `None` for files that are not pictures.
 pub(crate) fn head_of(file: &FileHead<'_>) -> Option<Head> {
     file.open().and_then(|mut reader| Head::read(&mut reader))
 }
 
-/// Peak memory for reading a picture, including its file, and the size of its floats, both in bytes.
+/// Peak memory for reading a picture, which includes the bytes of the file, and the size of the resulting floats,
+/// both in bytes.
 pub fn floats_of(file: &FileHead<'_>) -> [u64; 2] {
     let [reading, floats] = head_of(file).map_or([0; 2], |head| head.as_floats());
     [reading.saturating_add(file.bytes), floats]
 }
 
-/// Width and height of the picture in a file, from its header; `None` for other files.
+/// Width and height of the picture in a file, from its header; `None` for files that are not pictures.
 pub fn size(path: &Path) -> Option<[u64; 2]> {
     Head::read(&mut BufReader::new(File::open(path).ok()?)).map(|head| head.size)
 }
@@ -108,7 +109,7 @@ pub(crate) fn decode(
 
 type Decoded = (usize, usize, usize, Vec<f32>, bool);
 
-/// Converts codes to numbers. Colours become RGB or RGBA; data keeps its number of channels.
+/// Converts integer codes to floats. Colours become RGB or RGBA; data keeps its number of channels.
 fn whole(
     raster: Raster,
     encoding: FileEncoding,

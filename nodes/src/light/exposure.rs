@@ -66,7 +66,7 @@ impl Shown {
         Self { ev, rgb, clipped: max3(rgb) > WHITE }
     }
 
-    /// Luminance at EV 0.
+    /// Luminance of the pixel, scaled to an exposure of EV 0.
     pub(crate) fn light(&self) -> f64 {
         f64::from(luminance(self.rgb)) * num::f64::exp2(-self.ev)
     }
@@ -75,7 +75,7 @@ impl Shown {
 /// The hidden light of a pixel: log2 of the ratio of its true luminance to its luminance in the panorama. Ratios
 /// below 1 are raised to 1. The true luminance is taken from the first of `exposures` (sorted from brightest to
 /// darkest) in which the pixel is not clipped. If the pixel is clipped in all of them, the last is used, and the
-/// flag is true. `None` if there are no exposures.
+/// returned flag is true. `None` if there are no exposures.
 pub(crate) fn measured(own: [f32; 3], exposures: impl Iterator<Item = Shown>) -> Option<(f32, bool)> {
     let own = f64::from(luminance(own)).max(DARKEST);
     let mut last = None;

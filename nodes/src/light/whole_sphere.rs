@@ -105,8 +105,8 @@ pub(crate) fn light(name: &str, bytes: &[u8], notes: &mut Notes) -> Result<(usiz
     Ok((width, height, linear(name, picture)?))
 }
 
-/// Linear RGB of a picture that stores linear light. Colours stay premultiplied by alpha, which is left out. The
-/// result reuses the memory of a picture with three or four channels.
+/// Linear RGB of a picture that stores linear light. The colours stay premultiplied by alpha, but alpha itself is
+/// not returned. The result reuses the memory of a picture with three or four channels.
 pub(crate) fn linear(name: &str, picture: Picture) -> Result<Vec<f32>, Error> {
     let Picture::Linear(Image { width, height, channels, mut samples, .. }) = picture else {
         return Err(Error::format(
@@ -164,8 +164,8 @@ pub(crate) fn straight(pixels: Vec<[f32; 4]>) -> (Vec<f32>, Vec<f32>) {
 /// Number of rows that one job rotates.
 const ROWS: usize = 32;
 
-/// Rotates a panorama of pixels with `N` samples by shifting every row to the left. Light in front moves to the
-/// left.
+/// Rotates a panorama by `degrees`, by shifting every row to the left, so that light in front moves to the left.
+/// Each pixel has `N` samples.
 pub(crate) fn turn<const N: usize>(
     pixels: &[[f32; N]],
     width: usize,
@@ -234,7 +234,7 @@ mod tests {
         }
     }
 
-    /// Grey pictures and pictures with colours, both with and without alpha, give RGB.
+    /// Grey and colour pictures, with and without alpha, give RGB.
     #[test]
     fn light_is_rgb_whatever_channels_the_picture_has() {
         let of = |channels: usize| {

@@ -27,7 +27,7 @@ pub struct Planes {
     pub width: usize,
     /// Rows of the display window.
     pub height: usize,
-    /// Sorted by name, as the format requires.
+    /// Channels, sorted by name as the format requires.
     pub channels: Vec<Channel>,
     /// Number of parts in the file; one of them is read.
     pub parts: usize,

@@ -2,7 +2,7 @@
 
 use exr::meta::header::Header;
 
-/// Name of the part of a header.
+/// Name of the part that a header describes; empty if it has no name.
 pub(super) fn part_name(header: &Header) -> String {
     header.own_attributes.layer_name.as_ref().map_or_else(String::new, ToString::to_string)
 }

@@ -29,8 +29,8 @@ pub(super) fn split<'a>(name: &str, bytes: &'a [u8]) -> Result<(&'a [u8], Option
     Ok((text, (word(next + 4)? == 0x004e_4942).then(|| blob.to_vec())))
 }
 
-/// Reads the JSON of a file that begins like glTF. The flag is true if the file is binary (GLB). No data after the
-/// JSON are read. Returns `None` for any other file.
+/// Reads the JSON of a file that begins like glTF. The flag is true if the file is binary (GLB). The data after the
+/// JSON are not read. Returns `None` for any other file.
 pub fn json_of(path: &Path) -> std::io::Result<Option<(Vec<u8>, bool)>> {
     json_in(&mut std::fs::File::open(path)?)
 }

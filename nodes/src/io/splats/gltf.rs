@@ -135,7 +135,7 @@ impl Document {
         serde_json::from_slice(json_text(json)).map_err(|e| Error::format(file, format!("not glTF: {e}")))
     }
 
-    /// Names of the files that contain its buffers.
+    /// Names of the external files that contain the buffers of the document.
     pub fn files(&self, file: &str) -> Result<Vec<String>, Error> {
         let uris = self.buffers.iter().filter_map(|buffer| buffer.uri.as_deref());
         uris.filter(|uri| !uri.starts_with("data:")).map(|uri| address::path(file, uri)).collect()
@@ -161,7 +161,7 @@ pub(super) fn chunks<'a>(file: &str, bytes: &'a [u8]) -> Result<(&'a [u8], Optio
     Ok((json, (&head[4..8] == b"BIN\0").then_some(binary)))
 }
 
-/// A primitive with the transform of a node that uses it.
+/// A primitive, with the transform of a node that uses it.
 struct Use<'a> {
     primitive: &'a Primitive,
     splatting: Splatting,

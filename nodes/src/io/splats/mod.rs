@@ -45,7 +45,8 @@ pub use sh_turn::ShTurn;
 pub use source::Format;
 pub(crate) use spz::{COLOUR_SCALE as SPZ_COLOUR_SCALE, rotation_10 as spz_rotation};
 
-/// Function that reads the bytes of a file, given the name by which the current file refers to it.
+/// Function that reads the bytes of another file. Its argument is the name by which the current file refers to that
+/// file.
 pub(crate) type Fetch<'a> = dyn Fn(&str) -> Result<Vec<u8>, NodeError> + 'a;
 
 /// Settings for all readers.
@@ -211,8 +212,8 @@ pub(crate) fn load_ranges(
     }
 }
 
-/// Reads splats of any format from memory, as the kind `load-splats` does with default parameters. A format that
-/// needs further files is an error.
+/// Reads splats of any format from memory, as the kind `load-splats` does with default parameters. It is an error
+/// if the format needs further files.
 pub fn from_bytes(
     file: &str,
     bytes: &[u8],
@@ -282,7 +283,7 @@ pub(crate) fn assemble(mut files: Vec<Loaded>, cx: &Context) -> Result<Splats, N
     Ok(splats)
 }
 
-/// Reports dropped rows; with `strict`, the first one is an error.
+/// Reports dropped rows. If `strict` is true, the first dropped row is an error.
 pub(crate) fn report(file: &str, loaded: &Loaded, strict: bool, notes: &mut Notes) -> Result<(), NodeError> {
     if strict && let Some((row, fault)) = loaded.parts.iter().find_map(|part| part.first_fault) {
         let what = format!("`{file}` contains an invalid splat: splat {row} {}", fault.words());

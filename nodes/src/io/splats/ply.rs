@@ -199,7 +199,7 @@ pub(super) fn refuse_mesh(file: &str, header: &ply::Header) -> Result<(), NodeEr
     Err(NodeError::new(what).hint("`LoadMesh` reads meshes"))
 }
 
-/// The first few names of a list.
+/// The first few names of a list, as text.
 fn some(names: &[String]) -> String {
     let mut text = names.iter().take(4).map(String::as_str).collect::<Vec<_>>().join(", ");
     if names.len() > 4 {

@@ -222,7 +222,7 @@ impl Meta {
         }
     }
 
-    /// The files of the pictures.
+    /// Names of the picture files.
     pub fn files(&self) -> impl Iterator<Item = &str> {
         self.files.iter().map(String::as_str)
     }
@@ -271,7 +271,7 @@ impl Pixels {
         self.rgba.as_chunks::<4>().0.get(index).copied()
     }
 
-    /// Returns a pixel whose index is known to be valid.
+    /// Returns the pixel at an index that is known to be valid.
     fn own(&self, index: usize) -> [u8; 4] {
         self.get(index).unwrap_or_default()
     }

@@ -123,7 +123,7 @@ fn is_json(bytes: &[u8]) -> bool {
     text.iter().find(|b| !b.is_ascii_whitespace()) == Some(&b'{')
 }
 
-/// A file of splats to which a parameter refers.
+/// A file of splats that a parameter selects.
 pub struct Piece {
     /// The file.
     pub file: InputFile,
@@ -143,7 +143,7 @@ pub struct Expanded {
     pub pieces: Vec<Piece>,
     /// The description of a streamed scene, which names the pieces.
     pub listing: Option<InputFile>,
-    /// Decisions and warnings: id, text, and true for a warning.
+    /// Decisions and warnings, each as (id, text, true for a warning).
     pub notes: Vec<(&'static str, String, bool)>,
 }
 

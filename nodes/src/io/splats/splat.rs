@@ -9,7 +9,7 @@ use super::rows::{Row, SH_C0};
 use super::{Loaded, Reading};
 use crate::error::Error;
 
-/// Bytes per splat.
+/// Number of bytes per splat.
 const ROW: usize = 32;
 
 /// True if the bytes can be a `.splat` file, even a truncated one: there is at least one row, and at least half of

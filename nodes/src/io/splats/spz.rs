@@ -29,12 +29,12 @@ const ANTIALIASED: u8 = 1;
 const EXTENDED: u8 = 2;
 /// Maximum number of bytes of extensions after the attributes of versions 1 to 3.
 const EXTENSIONS: usize = 1 << 20;
-/// Maximum number of bytes that one byte of a version 4 file may expand to. The reference implementation has the
-/// same limit. In captures, the number is at most 3.
+/// Maximum number of decompressed bytes per byte of a version 4 file. The reference implementation has the same
+/// limit. In captures, the number is at most 3.
 const ZSTD_RATIO: f64 = 1024.0;
 
-/// A coefficient `c` of the constant colour is stored as `c * COLOUR_SCALE + 0.5`, in a byte whose value 255 stands
-/// for 1.
+/// A coefficient `c` of the constant colour is stored as `c * COLOUR_SCALE + 0.5`, in a byte in which 255
+/// represents 1.
 pub(crate) const COLOUR_SCALE: f64 = 0.15;
 /// Type of the extension that defines the axes.
 const COORDINATE_SYSTEM: u32 = 0xadbe_0003;

@@ -16,7 +16,7 @@ pub(super) fn antialiased(comments: &[String], file: &str, notes: &mut Notes) ->
     yes
 }
 
-/// The value that one comment states for antialiasing; `None` if it does not mention it.
+/// The value that a comment states for antialiasing; `None` if the comment does not mention antialiasing.
 fn flag(comment: &str) -> Option<bool> {
     let lower = comment.to_ascii_lowercase();
     let words: Vec<&str> =

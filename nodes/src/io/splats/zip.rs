@@ -71,7 +71,7 @@ impl<'a> Archive<'a> {
         found.next().is_none().then_some(&first.name)
     }
 
-    /// Length of an entry after decompression, as declared; 0 if the entry does not exist.
+    /// Length of an entry after decompression, in bytes, as the archive declares it; 0 if the entry does not exist.
     pub fn length(&self, name: &str) -> usize {
         self.entries.iter().find(|entry| entry.name == name).map_or(0, |entry| entry.length)
     }

@@ -12,7 +12,7 @@ use crate::types::{
     Sampler, Sheen, Specular, TextureRef, TextureTransform, Wrap,
 };
 
-/// Reads materials, and collects the images that they use.
+/// Reader of the materials of a file, which also collects the images that they use.
 pub struct Materials<'a> {
     name: &'a str,
     json: &'a Value,
@@ -33,14 +33,14 @@ const NOT_DRAWN: [(&str, &str); 5] = [
     ("KHR_texture_basisu", "textures use the PNG or JPEG fallback"),
 ];
 
-/// The effect of not supporting an extension.
+/// The effect on the picture of ignoring an extension.
 fn effect(extension: &str) -> &'static str {
     let known = NOT_DRAWN.iter().find(|(name, _)| *name == extension);
     known.map_or("the extension is unknown", |(_, effect)| effect)
 }
 
 impl<'a> Materials<'a> {
-    /// A reader of the materials in `json`.
+    /// Creates a reader of the materials in `json`.
     pub fn new(name: &'a str, json: &'a Value) -> Self {
         Self {
             name,

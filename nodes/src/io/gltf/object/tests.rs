@@ -82,7 +82,8 @@ fn node_transforms_move_points_and_turn_normals_by_the_inverse_transpose() {
     assert_eq!(notes.iter().count(), 0);
 }
 
-/// A mirror reverses the winding, so that triangles still face along their normals.
+/// If the transform of a node mirrors its mesh, the winding of the triangles is reversed, so that they still face
+/// along their normals.
 #[test]
 fn mirrors_flip_winding_and_keep_normals_outside() {
     let (object, notes) = good(&triangle(json!({"mesh": 0, "scale": [-1.0, 1.0, 1.0]})));

@@ -87,7 +87,7 @@ fn chunks<T: Send>(
     cx.for_each_tile(count.div_ceil(CHUNK), |chunk| f(chunk * CHUNK..((chunk + 1) * CHUNK).min(count)))
 }
 
-/// Transforms all splats.
+/// Returns all splats, transformed by `turn`.
 fn turned(splats: &Splats, turn: &Turn, cx: &Context) -> Result<Splats, NodeError> {
     let width = splats.sh_len();
     let parts = chunks(splats.len(), cx, |range| {

@@ -165,7 +165,7 @@ fn equal_scenes_give_equal_files() {
 
 /// Rotations that were read from a file are written unchanged, even if the largest components of a rotation are
 /// equal up to rounding, or if a component that rounds to zero is negative. If two codes decode to exactly the same
-/// rotation, the first code is written. This test fails if `AS_LARGE` is 1e-7.
+/// rotation, the first code is written. This test fails if the value of `AS_LARGE` is 1e-7.
 #[test]
 fn rotations_of_spz_come_back_as_they_were() {
     let sizes = [0_u32, 1, 2, 87, 208, 294, 295, 296, 360, 361, 362, 417, 509, 510, 511];

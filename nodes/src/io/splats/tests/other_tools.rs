@@ -138,7 +138,8 @@ fn infinities_are_opaque_absent_or_flat() {
     assert_eq!((splats.scales[0][0], splats.opacities[0]), (0.5, 0.0));
 }
 
-/// A missing third scale means a thickness of 0. This test fails if `NEG_INFINITY` in `Layout::row` is 0.
+/// A missing third scale means a thickness of 0. This test fails if `NEG_INFINITY` in `Layout::row` is replaced
+/// with 0.
 #[test]
 fn splats_of_two_scales_are_flat() {
     let names: Vec<&str> = FIELDS.iter().copied().filter(|name| *name != "scale_2").collect();

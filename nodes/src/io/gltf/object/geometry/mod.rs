@@ -17,10 +17,11 @@ use tally::Tally;
 pub(crate) use transform::local;
 use transform::{inverse_transpose, turned};
 
-/// Maximum number of vertices of an object, since a small file that repeats a mesh could fill any memory.
+/// Maximum number of vertices of an object. Without this limit, a small file that repeats a mesh could exhaust the
+/// memory.
 const VERTEX_LIMIT: usize = 1 << 26;
 
-/// Reads shapes.
+/// Reader of the shapes of a file.
 pub struct Geometry<'a> {
     name: &'a str,
     file: &'a File,
@@ -31,7 +32,7 @@ pub struct Geometry<'a> {
 }
 
 impl<'a> Geometry<'a> {
-    /// A reader of `file`.
+    /// Creates a reader of `file`.
     pub fn new(name: &'a str, file: &'a File, buffers: &'a [Vec<u8>]) -> Self {
         let world = vec![None; file.document.nodes().len()];
         Self { name, file, buffers, world, tally: Tally::default() }
