@@ -317,7 +317,7 @@ impl Fold<'_> {
 }
 
 /// Selects the children of a node by [`Opens::Fullest`]: beginning with the branch itself, the inner branch with
-/// the most triangles is replaced by its two children until there are eight children.
+/// the most triangles is replaced with its two children until there are eight children.
 fn fullest(tree: &[Branch], counts: &[u32], node: u32) -> Vec<u32> {
     let mut children = vec![node];
     while children.len() < WIDE {

@@ -3,7 +3,7 @@
 
 use std::cell::Cell;
 
-/// Maximum number of children that wait to be visited. A tree that needs more is replaced by a balanced tree.
+/// Maximum number of children that wait to be visited. A tree that needs more is replaced with a balanced tree.
 pub(super) const STACK: usize = 256;
 
 /// Waiting children, each with the distance at which the ray enters it.

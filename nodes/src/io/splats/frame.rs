@@ -33,7 +33,7 @@ pub fn from_y_up(up: Up) -> DMat3 {
 
 impl Frame {
     /// The up axis of the file: `declared`, which its format defines, or the axis chosen by the user. `None` if
-    /// neither exists.
+    /// coordinates are used as stored.
     pub fn up(self, declared: Option<Up>) -> Option<Up> {
         match self {
             Self::ByFormat => declared,

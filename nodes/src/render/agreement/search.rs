@@ -78,8 +78,8 @@ pub(super) fn nearby(cloud: &Cloud, spots: &Spots) -> Similarity {
     best.map_or(Similarity::IDENTITY, |(_, at)| simplest(cloud, spots, at))
 }
 
-/// The transforms with which the mesh fits the splats best, best first. The search starts from all rotations that
-/// map axes to axes, with many scale factors and two shifts each.
+/// The transforms with which the mesh fits the splats best, in descending order of agreement. The search starts
+/// from all rotations that map axes to axes, with many scale factors and two shifts each.
 pub(super) fn anywhere(cloud: &Cloud, spots: &Spots) -> Vec<Similarity> {
     let mut tried: Vec<(f64, Similarity)> = Vec::new();
     let about = spots.radius / cloud.radius;

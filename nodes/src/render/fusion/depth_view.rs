@@ -15,7 +15,7 @@ const TRUSTED_SPREAD: f32 = 0.03;
 /// seen at 7 degrees in a face of 192 pixels, whose pixels are 0.0116 rad wide, has this difference.
 pub const EDGE: f32 = 0.1;
 
-/// Side of the squares of pixels that [`DepthView::hides`] tests, in pixels.
+/// Side, in pixels, of the squares of pixels that [`DepthView::hides`] tests.
 const SQUARE: usize = 8;
 
 /// A camera's view. Positions are relative to an origin in the scene, in world units.

@@ -11,9 +11,9 @@ use super::settings::TILE;
 use crate::math::{equirect, num};
 use crate::types::Camera;
 
-/// Distance beyond the edges of the image, as a fraction of half the image, up to which the derivative of the
-/// projection is evaluated at the centre of the splat. For splats farther out it is evaluated at this distance,
-/// because the linear approximation diverges (INRIA forward.cu: 1.3 times the tangent).
+/// Distance beyond the edges of the image, as a fraction of half the size of the image, up to which the derivative
+/// of the projection is evaluated at the centre of the splat. For splats farther out it is evaluated at this
+/// distance, because the linear approximation diverges (INRIA forward.cu: 1.3 times the tangent).
 const GUARD: f64 = 0.3;
 
 /// Margin of bounds in pixels, so that no pixel whose alpha reaches `alpha_cut` is lost to rounding.

@@ -132,8 +132,8 @@ fn exact_bounds_lose_nothing_around_the_seam() {
     }
 }
 
-/// If the world is rotated about up by a number of columns, the picture is shifted by that number, so there
-/// is no seam.
+/// If the world is rotated about the up axis by a whole number of columns, the picture is shifted by that number of
+/// columns, so there is no seam.
 #[test]
 fn turning_the_world_rolls_the_picture() {
     let (width, height) = (96_usize, 48);

@@ -18,7 +18,8 @@ const AGAINST: f64 = 0.5;
 /// Minimum share of the extent of the oriented bounding box that a flat side must span along both of its axes. A
 /// drum that lies along a wall spans a share of 0.28.
 const FLAT: f64 = 1.0 / 3.0;
-/// Maximum cosine between the direction of a flat side and straight down; above it the side is the foot.
+/// Maximum cosine between the direction of a flat side and straight down. If the cosine is larger, the side is the
+/// foot.
 const LEVEL: f64 = 0.98;
 /// Maximum slope of the mesh relative to a flat side that rests on it.
 const SLANT: f64 = 0.1;

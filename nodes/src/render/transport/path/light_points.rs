@@ -24,7 +24,7 @@ use crate::render::transport::sky::environment::EnvironmentLight;
 const POINTS: usize = 1024;
 /// Number of lights in a block. Each choice weighs the lights of one block, and every block covers all directions.
 const BLOCK: usize = 32;
-/// One in this many virtual lights is sampled with a uniformly distributed direction, since surfaces that are dark
+/// One virtual light in this many is sampled with a uniformly distributed direction, since surfaces that are dark
 /// but near contribute too.
 const SPREAD: u32 = 4;
 

@@ -26,7 +26,7 @@ use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::sky::cone::Cone;
 use crate::render::transport::sky::environment::EnvironmentLight;
 
-/// Cosine of a cone at and above which the cone is not subdivided further.
+/// Minimum cosine of the cones that are not subdivided further.
 const NARROW: f32 = 0.9;
 /// Maximum total solid angle of the cones that are searched for directions in which the receiver is visible, as a
 /// multiple of the whole sphere.

@@ -208,7 +208,7 @@ mod tests {
     use crate::testing::chi_square;
 
     /// Chi-square test of sampled points against their density, over sixteenths of triangles of many sizes and
-    /// radiances, some of them black. This test fails if `root` is replaced by `unit(u)` in `Emitters::sample`, or
+    /// radiances, some of them black. This test fails if `root` is replaced with `unit(u)` in `Emitters::sample`, or
     /// if `/ area` is left out of `Emitters::new`.
     #[test]
     fn points_follow_their_density() {

@@ -98,8 +98,9 @@ impl Ground {
         (level <= height + slack).then(|| receiver.start(&hit) - position)
     }
 
-    /// Height, along the direction of support, by which the nearest support lies above a point of the mesh, reduced
-    /// beyond [`Support::reach`]. Also returns this direction. `may_be` selects the permitted directions.
+    /// Height, along the direction of support, by which the nearest support lies above a point of the mesh. Beyond
+    /// [`Support::reach`], this height is reduced, and it is 0 at twice the reach. Also returns the direction of
+    /// support. `may_be` selects the permitted directions.
     fn rise(&self, position: Vec3, may_be: impl Fn(Vec3) -> bool) -> Option<(f32, Vec3)> {
         let height = |s: &Support| position.dot(s.out);
         let aside = |s: &Support| {

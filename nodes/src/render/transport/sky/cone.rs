@@ -122,7 +122,7 @@ mod tests {
     use crate::testing::chi_square;
 
     /// Chi-square test of directions against their density, over rings and sectors of the cone, and of the share of
-    /// samples with a ray. This test fails if `below` is replaced by `v * below` in `direction`, or if `within`
+    /// samples with a ray. This test fails if `below` is replaced with `v * below` in `direction`, or if `within`
     /// does not limit `rays`.
     #[test]
     fn rays_to_the_objects_fill_their_cone_evenly() {
