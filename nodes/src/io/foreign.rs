@@ -30,13 +30,13 @@ pub fn refuse_foreign(file: &str, bytes: &[u8]) -> Result<(), Error> {
     } else if let Some(brand) = bytes.get(4..12).and_then(|head| head.strip_prefix(b"ftyp")) {
         match brand {
             b"heic" | b"heix" | b"heim" | b"heis" | b"hevc" | b"mif1" | b"msf1" => {
-                "HEIC, the format of phones; export the picture as PNG or JPEG"
+                "HEIC, a format that phones use; export the picture as PNG or JPEG"
             }
             b"avif" | b"avis" => "AVIF; export the picture as PNG or JPEG",
-            _ => "a video or another file of ISO media; export pictures as PNG or JPEG",
+            _ => "a video or another ISO media file; export pictures from it as PNG or JPEG",
         }
     } else if starts(b"II*\0") || starts(b"MM\0*") {
-        "TIFF or a raw picture of a camera; export it as PNG (16 bits) or OpenEXR"
+        "TIFF, or a raw picture from a camera; export it as PNG (16 bits) or OpenEXR"
     } else if starts(b"\x00\x00\x00\x0cJXL ") || starts(b"\xff\x0a") {
         "JPEG XL; export the picture as PNG or JPEG"
     } else if starts(b"\x00\x00\x00\x0cjP  ") || starts(b"\xff\x4f\xff\x51") {

@@ -91,7 +91,7 @@ pub(crate) fn decode(
         }
         _ => {
             refuse_foreign(name, bytes)?;
-            return Err(Error::format(name, "the file is not PNG, JPEG, OpenEXR or Radiance HDR"));
+            return Err(Error::format(name, "the file is not a PNG, JPEG, OpenEXR or Radiance HDR picture"));
         }
     };
     let encoding = match encoding {
@@ -190,7 +190,7 @@ fn layer(name: &str, file: &exr::Opened<'_>) -> Result<Vec<String>, Error> {
 fn no_layer(name: &str, file: &exr::Opened<'_>, names: &[String], chroma: bool) -> Error {
     let what = match file.layer.as_str() {
         _ if chroma => {
-            "the picture has luminance and chroma (Y, RY, BY), which are not read as colour".to_owned()
+            "the picture stores luminance and chroma (Y, RY, BY), which cannot be read as colour".to_owned()
         }
         "" => "the picture has neither channels R, G and B nor a channel Y".to_owned(),
         layer => format!("the picture has no layer `{layer}`"),
@@ -225,8 +225,12 @@ fn finite(
             }
         }
     }
-    notes.count("not-a-number", lost, "samples are not numbers and were set to 0");
-    notes.count("infinite", capped, "samples are infinite and were set to 65504, the largest 16-bit float");
+    notes.count("not-a-number", lost, "of the samples had the value NaN, which was replaced with 0");
+    notes.count(
+        "infinite",
+        capped,
+        "of the samples had an infinite value, which was replaced with 65504, the largest 16-bit float",
+    );
     Ok(samples)
 }
 

@@ -84,7 +84,7 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Rast
     let wide = depth == BitDepth::Sixteen;
     let sample = if wide { 2 } else { 1 };
     if raw.len() != width * height * channels * sample {
-        return Err(Error::format(file, "the number of samples differs from that in the header"));
+        return Err(Error::format(file, "the number of samples differs from the number in the header"));
     }
     let mut codes = Vec::with_capacity(width * height * channels);
     if wide {

@@ -76,7 +76,7 @@ impl EnvResolution {
         notes.decision(
             "finer-than-needed",
             format!(
-                "{text}. A smaller panorama, made with `fit-probe` or `width_px`, gives a picture that looks the same in less time"
+                "{text}. With a smaller panorama (use `fit-probe`, or reduce `width_px`), the picture looks the same and is rendered faster"
             ),
         );
     }

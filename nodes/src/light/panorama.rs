@@ -55,7 +55,7 @@ pub(crate) fn finish(
         notes.degraded("nothing-seen", "no splat is visible in any direction: the panorama is empty");
     } else if open == alpha.len() {
         let text = format!(
-            "the largest alpha is {most:.2e}, below `hole_alpha` {hole_alpha}: all pixels count as holes"
+            "the largest alpha is {most:.2e}, which is below `hole_alpha` = {hole_alpha}, so all pixels count as holes"
         );
         notes.warning("little-seen", text);
     } else if open > 0 {
@@ -66,9 +66,9 @@ pub(crate) fn finish(
                 holes * equirect::pixel_solid_angle(width, height, y)
             })
             .sum();
-        let text = if how == Holes::PushPull { "filled from the surroundings" } else { "left black" };
+        let text = if how == Holes::PushPull { "filled from its surroundings" } else { "left black" };
         let percent = 100.0 * share / (4.0 * PI);
-        notes.decision("holes", format!("{percent:.2} % of the sphere was not seen; {text}"));
+        notes.decision("holes", format!("{percent:.2} % of the sphere has an alpha below `hole_alpha` and was {text}"));
     }
     let mut linear = match how {
         Holes::PushPull => holes::fill(&premultiplied, width, hole_alpha, cx)?,

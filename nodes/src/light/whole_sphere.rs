@@ -68,7 +68,7 @@ fn tell(part: &GPano, notes: &mut Notes) {
     }
     if !part.projection.eq_ignore_ascii_case("equirectangular") {
         let what = format!(
-            "the metadata says that the projection is {} (GPano); it is treated as equirectangular",
+            "according to its metadata (GPano), the picture has the projection {}; it is treated as equirectangular",
             part.projection
         );
         notes.warning("projection-ignored", what);
@@ -125,7 +125,9 @@ pub(crate) fn linear(name: &str, picture: Picture) -> Result<Vec<f32>, Error> {
             samples.shrink_to_fit();
             Ok(samples)
         }
-        _ => Err(Error::Mismatch(format!("the picture has {channels} channels; colour has 1 to 4"))),
+        _ => {
+            Err(Error::Mismatch(format!("the picture has {channels} channels; a colour picture has 1 to 4")))
+        }
     }
 }
 
@@ -141,7 +143,7 @@ pub(crate) fn premultiplied(picture: &Picture, notes: &mut Notes) -> Result<Vec<
             [r, g, b, a] => ([r, g, b], a),
             _ => {
                 return Err(Error::Mismatch(format!(
-                    "the picture has {channels} channels; colour has 1 to 4"
+                    "the picture has {channels} channels; a colour picture has 1 to 4"
                 )));
             }
         };
@@ -149,7 +151,7 @@ pub(crate) fn premultiplied(picture: &Picture, notes: &mut Notes) -> Result<Vec<
         pixels.push([r, g, b, a.clamp(0.0, 1.0)]);
     }
     let negative = picture.samples().iter().filter(|v| **v < 0.0).count() as u64;
-    notes.count("below-zero", negative, "samples lie below 0 and were set to 0");
+    notes.count("below-zero", negative, "of the samples had a value below 0, which was replaced with 0");
     Ok(pixels)
 }
 

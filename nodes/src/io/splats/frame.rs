@@ -147,14 +147,14 @@ impl Placing {
         let matrix = from_y_up(self.up) * from_y_up(up).transpose();
         let by = if self.frame == Frame::ByFormat { "by its format" } else { "as `frame` says" };
         let units = if scale == 1.0 { String::new() } else { format!(", and scaled by {scale}") };
-        let text = format!("has {} up {by}; rotated to {} up{units}", up.name(), self.up.name());
+        let text = format!("has {} up {by}; it was rotated to {} up{units}", up.name(), self.up.name());
         let idle = matrix == DMat3::IDENTITY && scale == 1.0;
         ((!idle).then_some((matrix, scale)), Some(text))
     }
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+#[allow(clippy::unwrap_used, reason = "a test may panic")]
 mod tests {
     use super::*;
 

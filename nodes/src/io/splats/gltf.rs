@@ -248,7 +248,7 @@ pub(super) fn load(
     }
     let uses = document.uses(file)?;
     if uses.is_empty() {
-        let what = format!("no primitive of the scene has `{NAME}`; is it a mesh?");
+        let what = format!("no primitive of the scene has `{NAME}`; is the file a mesh?");
         return Err(
             NodeError::from(Error::format(file, what)).hint("`load-mesh` and `load-object` read meshes")
         );
@@ -344,7 +344,8 @@ fn primitive(
     }
     if let Some(packed) = SPZ.iter().find_map(|name| one.splatting.extensions.get(*name)) {
         let view = packed.get("bufferView").and_then(serde_json::Value::as_u64);
-        let view = view.ok_or_else(|| Error::format(file, "the SPZ compression names no buffer view"))?;
+        let view = view
+            .ok_or_else(|| Error::format(file, "the SPZ compression extension refers to no buffer view"))?;
         let bytes = document.view(file, usize::try_from(view).unwrap_or(usize::MAX), buffers)?;
         return spz::load(file, bytes, Some(turn), reading, notes);
     }
@@ -376,7 +377,9 @@ fn primitive(
     let count = centres.count();
     let others = harmonics.iter().chain([&rotations, &scales, &opacities]);
     if others.clone().any(|reader| reader.count() != count) {
-        return Err(Error::format(file, "the attributes of the splats have unequal counts").into());
+        return Err(
+            Error::format(file, "the attributes of the splats have different numbers of elements").into()
+        );
     }
     // Lengths are never negative; drafts of the extension stored logarithms here (KhronosGroup/glTF#2563).
     let below = (0..count).filter(|&index| (0..3).any(|k| scales.get(index, k) < 0.0)).count();

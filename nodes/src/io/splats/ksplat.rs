@@ -85,7 +85,10 @@ impl<'a> Section<'a> {
             ));
         }
         if count > room {
-            return Err(Error::format(file, format!("a section for {room} splats claims to hold {count}")));
+            return Err(Error::format(
+                file,
+                format!("a section has space for {room} splats but claims to hold {count}"),
+            ));
         }
         if storage != 0 && storage < 12 {
             return Err(Error::format(

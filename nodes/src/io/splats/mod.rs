@@ -21,7 +21,7 @@ mod splat;
 mod spz;
 pub(crate) mod streamed;
 #[cfg(test)]
-#[allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+#[allow(clippy::unwrap_used, reason = "a test may panic")]
 mod tests;
 mod training;
 mod usda;
@@ -125,11 +125,9 @@ impl Loaded {
     /// Appends another part of the same file.
     fn join(mut self, file: &str, other: Self) -> Result<Self, NodeError> {
         if self.antialiased != other.antialiased || self.encoding != other.encoding {
-            return Err(Error::format(
-                file,
-                "the parts of the file do not have the same antialiasing and colour space",
-            )
-            .into());
+            return Err(
+                Error::format(file, "the parts of the file differ in antialiasing or colour space").into()
+            );
         }
         let degree = self.sh_degree.max(other.sh_degree);
         self.widen(degree);
@@ -208,7 +206,10 @@ pub(crate) fn load_ranges(
             sog::load(file, &sog::Meta::read(file, bytes)?, Some(ranges), fetch, reading, notes)
         }
         Format::SogBundle => sog::load_bundle(file, bytes, Some(ranges), reading, notes),
-        other => Err(Error::unsupported(file, format!("a streamed scene of {} files", other.name())).into()),
+        other => {
+            Err(Error::unsupported(file, format!("a streamed scene that consists of {} files", other.name()))
+                .into())
+        }
     }
 }
 
@@ -286,7 +287,7 @@ pub(crate) fn assemble(mut files: Vec<Loaded>, cx: &Context) -> Result<Splats, N
 /// Reports dropped rows. If `strict` is true, the first dropped row is an error.
 pub(crate) fn report(file: &str, loaded: &Loaded, strict: bool, notes: &mut Notes) -> Result<(), NodeError> {
     if strict && let Some((row, fault)) = loaded.parts.iter().find_map(|part| part.first_fault) {
-        let what = format!("`{file}` contains an invalid splat: splat {row} {}", fault.words());
+        let what = format!("`{file}` contains an invalid splat: splat {row} has {}", fault.words());
         return Err(NodeError::new(what)
             .at("path")
             .hint("`strict: false` drops such splats and counts them"));
@@ -295,7 +296,11 @@ pub(crate) fn report(file: &str, loaded: &Loaded, strict: bool, notes: &mut Note
     for fault in RowFault::ALL {
         let dropped: u64 = loaded.parts.iter().map(|part| part.dropped[fault as usize]).sum();
         all += dropped;
-        notes.count(fault.id(), dropped, format!("splats of `{file}` {} were dropped", fault.words()));
+        notes.count(
+            fault.id(),
+            dropped,
+            format!("of the splats of `{file}` had to be dropped because of {}", fault.words()),
+        );
     }
     if all * 2 > loaded.count as u64 {
         let text =

@@ -58,7 +58,9 @@ impl Layout {
         let need = |name: &str| {
             find(name).ok_or_else(|| {
                 let hint = match vertex.find(name) {
-                    Some(field) => format!(" of floats, but one of type `{}`", field.scalar.name()),
+                    Some(field) => {
+                        format!(" that holds floats, but one of the type `{}`", field.scalar.name())
+                    }
                     None => "; is this a mesh or a point cloud?".to_owned(),
                 };
                 Error::format(file, format!("the splats have no field `{name}`{hint}"))
@@ -195,7 +197,7 @@ pub(super) fn refuse_mesh(file: &str, header: &ply::Header) -> Result<(), NodeEr
     if faces == 0 || find("vertex").is_some_and(splats) {
         return Ok(());
     }
-    let what = format!("`{file}` is a mesh of {faces} faces; it holds no splats");
+    let what = format!("`{file}` is a mesh (faces: {faces}) and contains no splats");
     Err(NodeError::new(what).hint("`LoadMesh` reads meshes"))
 }
 

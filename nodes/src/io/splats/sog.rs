@@ -258,7 +258,7 @@ impl Pixels {
         }
         let channels = if decoder.has_alpha() { 4 } else { 3 };
         let mut raw = vec![0_u8; width as usize * height as usize * channels];
-        decoder.read_image(&mut raw).map_err(|e| wrong(format!("the WebP picture is broken: {e}")))?;
+        decoder.read_image(&mut raw).map_err(|e| wrong(format!("the WebP picture is corrupt: {e}")))?;
         let rgba = if channels == 4 {
             raw
         } else {

@@ -91,7 +91,7 @@ impl Format {
                 return Err(Error::unsupported(file, what));
             }
             let peek: Peek = serde_json::from_slice(json_text(bytes))
-                .map_err(|e| Error::format(file, format!("the JSON is broken: {e}")))?;
+                .map_err(|e| Error::format(file, format!("the JSON is invalid: {e}")))?;
             return match peek {
                 Peek { means: Some(_), .. } => Ok(Self::SogMeta),
                 Peek { asset: Some(_), .. } => Ok(Self::Gltf),

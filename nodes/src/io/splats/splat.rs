@@ -41,7 +41,7 @@ pub(super) fn load(
     let (rows, rest) = bytes.as_chunks::<ROW>();
     if !rest.is_empty() {
         let what = format!(
-            "it begins like a .splat but ends within a splat: {} complete splats of {ROW} bytes, then {} bytes",
+            "the file begins like a `.splat` file but ends within a splat (complete splats of {ROW} bytes: {}; further bytes: {})",
             rows.len(),
             rest.len()
         );

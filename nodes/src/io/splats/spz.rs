@@ -53,7 +53,10 @@ struct Header {
 impl Header {
     fn read(file: &str, bytes: &[u8]) -> Result<Self, Error> {
         if bytes.get(..4) != Some(MAGIC) {
-            return Err(Error::format(file, "the stream does not begin with `NGSP`; not an SPZ file"));
+            return Err(Error::format(
+                file,
+                "the stream does not begin with `NGSP`, so the file is not an SPZ file",
+            ));
         }
         let header = Self {
             version: u32_at(bytes, 4),

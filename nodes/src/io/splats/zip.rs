@@ -43,7 +43,7 @@ impl<'a> Archive<'a> {
         for _ in 0..count {
             let head = range(file, bytes, at, 46, "the table of contents of the ZIP archive")?;
             if u32_at(head, 0) != CENTRAL {
-                return Err(Error::format(file, "the table of contents of the ZIP archive is broken"));
+                return Err(Error::format(file, "the table of contents of the ZIP archive is corrupt"));
             }
             let length = u16_at(head, 28) as usize;
             let name = range(file, bytes, at + 46, length, "a name in the ZIP archive")?;

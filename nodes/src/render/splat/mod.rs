@@ -103,10 +103,10 @@ impl Work {
         notes.count(
             "degenerate-splats",
             self.degenerate,
-            "footprints are not finite ellipses and were left out",
+            "of the footprints had to be left out because of a shape that is not a finite ellipse",
         );
         let text = format!(
-            "colours exceeded the maximum of {:e} (white is 1) or overflowed, and were clamped to that maximum",
+            "of the colours exceeded the maximum of {:e} (white is 1) or overflowed, and had to be clamped to that maximum",
             sh::LARGEST
         );
         notes.count("colours-held", self.held, text);
@@ -130,7 +130,7 @@ impl Work {
             } else {
                 "check that the camera and the splats use the same frame and scale".to_owned()
             };
-            let text = format!("{} of {splats} splats are visible; {why}", self.projected);
+            let text = format!("only {} of {splats} splats can be seen; {why}", self.projected);
             notes.warning("few-splats-seen", text);
         }
     }

@@ -57,14 +57,18 @@ impl<'a> Materials<'a> {
     pub fn read(&mut self, notes: &mut Notes) -> Result<Vec<Material>, Error> {
         let list = self.json["materials"].as_array().map(Vec::as_slice).unwrap_or_default();
         let materials = list.iter().map(|m| self.material(m)).collect::<Result<_, _>>()?;
-        notes.count("factors-clamped", self.clamped, "material factors outside their range were clamped");
+        notes.count(
+            "factors-clamped",
+            self.clamped,
+            "of the material factors had to be clamped to the permitted range",
+        );
         for what in &self.ignored {
             notes.degraded("material-ignored", what.clone());
         }
         notes.count(
             "specular-glossiness",
             self.glossy,
-            "specular-glossiness materials: only the diffuse colour and the glossiness are read",
+            "of the materials had specular-glossiness parameters; only the diffuse colour and the glossiness were read",
         );
         self.report_others(notes);
         if self.occluded {
@@ -81,7 +85,10 @@ impl<'a> Materials<'a> {
         {
             let held = self.json[what].as_array().map_or(0, Vec::len);
             if held > 0 {
-                notes.decision("not-shown", format!("{held} {what} of the file are left out: {instead}"));
+                notes.decision(
+                    "not-shown",
+                    format!("the {what} of the file are left out (number: {held}): {instead}"),
+                );
             }
         }
         let lamps = self.json["nodes"].as_array().into_iter().flatten();

@@ -5,7 +5,7 @@
 mod ply;
 mod spz;
 #[cfg(test)]
-#[allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+#[allow(clippy::unwrap_used, reason = "a test may panic")]
 mod tests;
 
 use engine::{Context, NodeError, Notes, Up};

@@ -196,7 +196,7 @@ fn colours_as_codes_replace_coefficients() {
     let mut fields = floats(&FIELDS);
     fields[6].0 = "uchar";
     let error = read(&table(ENCODINGS[0], &[], &fields, &rows(1))).err().unwrap();
-    assert!(error.message().contains("`opacity` of floats, but one of type `uchar`"), "{error}");
+    assert!(error.message().contains("`opacity` that holds floats, but one of the type `uchar`"), "{error}");
 }
 
 /// A comment marks splats as trained with antialiasing, in plain and in compressed files. When the splats are

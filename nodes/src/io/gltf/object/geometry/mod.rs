@@ -61,8 +61,11 @@ impl<'a> Geometry<'a> {
         let count = document.scenes().len();
         let chosen = match scene {
             Some(index) => Some(document.scenes().nth(index as usize).ok_or_else(|| {
-                NodeError::new(format!("`{}` has {count} scenes, so index {index} does not exist", self.name))
-                    .at("scene")
+                NodeError::new(format!(
+                    "`{}` has no scene with the index {index} (number of scenes: {count})",
+                    self.name
+                ))
+                .at("scene")
             })?),
             None => document.default_scene().or_else(|| document.scenes().next()),
         };
@@ -103,7 +106,7 @@ impl<'a> Geometry<'a> {
                 (0, 0) => String::new(),
                 (0, n) => format!(", only points or lines (primitives: {n})"),
                 (n, _) => format!(
-                    " with an area: {n} triangles are too small for the precision of the coordinates, or are not finite"
+                    " with an area; triangles that are too small for the precision of the coordinates, or are not finite, were dropped (number: {n})"
                 ),
             };
             return Err(self.bad(format!("the object has no triangles{why}")).into());
