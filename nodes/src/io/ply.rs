@@ -17,7 +17,7 @@ pub enum Format {
 
 /// Type of a number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[allow(missing_docs, reason = "the names say it")]
+#[allow(missing_docs, reason = "the names state the type and the number of bits")]
 pub enum Scalar {
     I8,
     U8,

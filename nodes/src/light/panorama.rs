@@ -68,7 +68,10 @@ pub(crate) fn finish(
             .sum();
         let text = if how == Holes::PushPull { "filled from its surroundings" } else { "left black" };
         let percent = 100.0 * share / (4.0 * PI);
-        notes.decision("holes", format!("{percent:.2} % of the sphere has an alpha below `hole_alpha` and was {text}"));
+        notes.decision(
+            "holes",
+            format!("{percent:.2} % of the sphere has an alpha below `hole_alpha` and was {text}"),
+        );
     }
     let mut linear = match how {
         Holes::PushPull => holes::fill(&premultiplied, width, hole_alpha, cx)?,

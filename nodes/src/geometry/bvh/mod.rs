@@ -86,7 +86,7 @@ macro_rules! at_best {
                 || $walk,
             ),
             None => {
-                let $simd = $level.as_sse2().expect("it is part of x86-64");
+                let $simd = $level.as_sse2().expect("SSE2 is part of x86-64");
                 $walk
             }
         }

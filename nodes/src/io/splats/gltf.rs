@@ -310,7 +310,10 @@ fn encoding(file: &str, splatting: &Splatting) -> Result<SplatEncoding, Error> {
     }
 }
 
-#[expect(clippy::too_many_arguments, reason = "called once; a struct for it would say the same again")]
+#[expect(
+    clippy::too_many_arguments,
+    reason = "called once; a struct would only repeat the names of the arguments"
+)]
 fn primitive(
     file: &str,
     document: &Document,

@@ -180,7 +180,10 @@ fn cosine([u, v]: [f32; 2]) -> Vec3 {
 
 /// The BSDF of a surface point, seen from a given direction.
 #[derive(Debug, Clone, Copy)]
-#[expect(clippy::large_enum_variant, reason = "it lives on the stack for one vertex of a path")]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "a value stays on the stack while one vertex of a path is shaded"
+)]
 pub enum Bsdf {
     /// Lambertian reflection, used for the receiver.
     Matte {
