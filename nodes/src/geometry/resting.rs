@@ -66,9 +66,9 @@ impl Relief<'_> {
         best
     }
 
-    /// Measures the ground in a rectangle around the middle of the foot; `half` is half of its sides. First result:
-    /// the 98th percentile of the deviation of the ground from the plane, minus the noise of the mesh. Second: the
-    /// standard deviation of this noise.
+    /// Measures the ground in a rectangle around the middle of the foot; `half` is half the length of its sides.
+    /// First result: the 98th percentile of the deviation of the ground from the plane, minus the noise of the
+    /// mesh. Second: the standard deviation of this noise.
     pub fn departure(&self, half: [f64; 2]) -> (f64, f64) {
         let place = |i: usize| (2 * i + 1) as f64 / GRID as f64 - 1.0;
         let row = |j: usize| {

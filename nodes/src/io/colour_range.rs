@@ -14,7 +14,7 @@ pub struct Range {
 /// Minimum fraction of the numbers that must exceed [`SLACK`] for floats to be interpreted as colours from 0 to
 /// 255. A single wrong number thus has no effect.
 const SHARE: f64 = 0.01;
-/// Maximum value that still counts as white, with a margin for rounding.
+/// Maximum value of colours from 0 to 1, with a margin for rounding.
 const SLACK: f64 = 1.5;
 /// Maximum value of colours from 0 to 255, with a margin for rounding.
 const BYTE: f64 = 255.5;

@@ -16,8 +16,8 @@ const LISTED: usize = 32;
 /// A pixel with a luminance above this fraction of white belongs to a light.
 const BRIGHT: f64 = 0.95;
 
-/// A bright region, and the two angles from its centre within which light is attributed to it: fully up to the
-/// first angle, and with decreasing weight up to the second, since resampling spreads light.
+/// A bright region of the panorama. Light within the first of the two angles from its centre is attributed to it
+/// fully. From there to the second angle, the weight decreases, since resampling spreads light.
 struct Light {
     centre: DVec3,
     angles: [f64; 2],

@@ -19,9 +19,10 @@ pub(crate) const WHITE: f32 = 0.9;
 pub(crate) const DARKEST: f64 = 1e-4;
 
 /// The factor that scales the light of a panorama to EV 0, as a photographer would meter it. With this factor, the
-/// median of the positive samples is 0.5 after raising to 1 / 2.4. A smaller factor is used if the brightest
-/// channel would otherwise exceed 1 in more than 15 % of the sphere. This is the rule of DiffusionLight's tone
-/// mapping (Phongthawee et al. 2024), with the bound of 15 % added. `None` for a black panorama.
+/// median of the positive samples is 0.5 after they are raised to the power 1 / 2.4. A smaller factor is used if
+/// the brightest channel would otherwise exceed 1 in more than 15 % of the sphere. This is the rule of
+/// DiffusionLight's tone mapping (Phongthawee et al. 2024), with the bound of 15 % added. `None` for a black
+/// panorama.
 pub fn ev0_scale(image: &Image<Linear>) -> Option<f64> {
     let mut positive: Vec<f32> = image.samples.iter().copied().filter(|v| *v > 0.0).collect();
     if positive.is_empty() {

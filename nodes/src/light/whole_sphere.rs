@@ -11,8 +11,8 @@ use crate::io::picture::{FileEncoding, decode};
 use crate::io::progress::Progress;
 use crate::types::{Data, Image, Linear, Picture, Srgb};
 
-/// Reads the picture of a file, or a layer of it. A picture of a part of the sphere is placed according to its
-/// metadata and is transparent elsewhere. An aspect ratio other than 2:1 is reported.
+/// Reads the picture in a file, or one layer of this picture. A picture of a part of the sphere is placed according
+/// to its metadata and is transparent elsewhere. An aspect ratio other than 2:1 is reported.
 pub(crate) fn open(
     path: &InputFile,
     layer: &str,

@@ -33,7 +33,7 @@ pub struct Planes {
     pub parts: usize,
     /// Name of the part that was read; empty if it has no name.
     pub part: String,
-    /// Names of all flat parts that have one.
+    /// Names of all flat parts that have a name.
     pub part_names: Vec<String>,
     /// Name of the layer within the part; empty for channels whose names have no layer.
     pub layer: String,

@@ -25,7 +25,7 @@ struct Level {
     rotation: usize,
     colour: usize,
     harmonics: usize,
-    /// Number of steps from the centre of a bucket to its side, if the section does not define it.
+    /// Number of steps from the centre of a bucket to its side, for sections that do not define this number.
     steps: u32,
 }
 

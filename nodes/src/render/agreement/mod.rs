@@ -44,8 +44,8 @@ const GAIN: f64 = 0.12;
 /// Maximum amount by which the agreement of a simpler transform may be below the highest agreement for the simpler
 /// transform to be preferred.
 const SIMILAR: f64 = 0.06;
-/// Minimum share of the points at which the mesh must be visible. Below it, the agreement at the visible points alone
-/// is not considered.
+/// Minimum share of the points at which the mesh must be visible for the agreement at these points alone to be
+/// considered.
 const PART: f64 = 0.02;
 /// Minimum agreement, at the points where the mesh is visible, at which a mesh that covers only a part of the place
 /// counts as being in the frame of the splats.

@@ -194,8 +194,8 @@ impl DepthView {
         (top + (bottom - top) * fy, true, nearest)
     }
 
-    /// True if a ball is hidden: at every pixel that it covers, it is behind the surface by more than `behind`.
-    /// `offset` is the centre of the ball relative to the eye.
+    /// True if a ball is hidden, that is, if the ball is behind the surface by more than `behind` at every pixel
+    /// that it covers. `offset` is the centre of the ball relative to the eye.
     pub fn hides(&self, offset: Vec3, radius: f32, behind: f32) -> bool {
         let depth = offset.dot(self.forward);
         let nearest = depth - radius;

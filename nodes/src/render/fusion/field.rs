@@ -100,7 +100,7 @@ pub struct Field<'a> {
 /// A row of corners, projected into a view.
 #[derive(Default)]
 struct Row {
-    /// True for each corner that lies between the centres of four pixels.
+    /// True for each corner whose projection lies between the centres of four pixels.
     inside: [bool; CORNERS],
     x: [f32; CORNERS],
     y: [f32; CORNERS],
@@ -262,8 +262,8 @@ impl<'a> Field<'a> {
         Ok(field)
     }
 
-    /// Indices of the block, and of the cell in it, that contain the given finest cell. `None` if no block contains
-    /// it.
+    /// Index of the block, and index of the cell in this block, that contain the given finest cell. `None` if no
+    /// block contains it.
     pub fn locate(&self, at: [i32; 3]) -> Option<(usize, usize)> {
         for level in 0..self.levels.reach.len() as u8 {
             let cell = at.map(|v| v >> level);

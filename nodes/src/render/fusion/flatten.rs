@@ -247,7 +247,7 @@ fn tiled<T: Send>(count: usize, of: &(dyn Fn(usize) -> T + Sync), cx: &Context) 
 }
 
 /// Flattened distances of a block. From each distance, its excess over the plane (see [`Plane::excess`]) is
-/// subtracted, interpolated between the planes at the eight corners of the block.
+/// subtracted. The excess is interpolated between the planes at the eight corners of the block.
 fn flat(block: &Block, planes: &[Option<Plane>; 8], levels: &Levels) -> Box<[f32; ALL]> {
     let first = block.cube.corner();
     let mut distance = block.distance.clone();

@@ -42,7 +42,7 @@ impl View {
     }
 }
 
-/// Object that the camera shall show.
+/// Object that the camera should show.
 #[derive(Debug, Clone, Copy)]
 pub struct Subject {
     /// Point that the object stands on, in world units.

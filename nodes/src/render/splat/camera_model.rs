@@ -16,7 +16,8 @@ use crate::types::Camera;
 /// distance, because the linear approximation diverges (INRIA forward.cu: 1.3 times the tangent).
 const GUARD: f64 = 0.3;
 
-/// Margin of bounds in pixels, so that no pixel whose alpha reaches `alpha_cut` is lost to rounding.
+/// Margin, in pixels, that is added to bounds, so that no pixel whose alpha reaches `alpha_cut` is lost to
+/// rounding.
 pub(super) const SLACK_PX: f64 = 0.01;
 
 /// Minimum distance from the axis through the poles at which the derivative of a panorama is evaluated, as a

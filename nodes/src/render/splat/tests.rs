@@ -11,7 +11,7 @@ mod modes;
 mod panorama;
 mod peaks;
 
-/// Reproducible numbers in [0, 1).
+/// Generator of reproducible random numbers in [0, 1).
 struct Random(u64);
 
 impl Random {

@@ -88,7 +88,7 @@ impl Task<'_, '_> {
     }
 
     /// Depth at which blending ends for each pixel of the tile, in rows of [`TILE`] values; +inf outside the
-    /// picture.
+    /// picture. `None` if there is no limit.
     pub(super) fn limits(&self) -> Option<Vec<f32>> {
         let image = self.limit?;
         let [x0, y0, width, height] = self.area;

@@ -58,7 +58,7 @@ fn sees_backs(probe: &Probe) -> bool {
 }
 
 impl CapturePoint {
-    /// Makes a point of capture, and traces its probe rays.
+    /// Creates a point of capture at `at`, and traces probe rays from this point.
     pub(crate) fn at(receiver: &Receiver, at: Vec3) -> Self {
         Self { at, probe: Probe::send(receiver, at) }
     }

@@ -38,11 +38,11 @@ pub(crate) enum Unsupported {
 pub(crate) struct Side {
     /// Unit vector from the receiver to the object.
     pub(crate) out: DVec3,
-    /// Two axes along the side.
+    /// Unit vectors along the side, at a right angle to each other.
     pub(crate) axes: [DVec3; 2],
     /// Height of the side along `out`.
     pub(crate) height: f64,
-    /// Centre of the side, except for its coordinate along `out`.
+    /// Centre of the side. Its coordinate along `out` is not used; `height` is used instead.
     middle: DVec3,
     /// Half the size of the sampled region along each axis. The region is 1.5 times as long and wide as the side.
     pub(crate) half: [f64; 2],

@@ -27,7 +27,7 @@ pub(crate) struct Standing {
     pub(crate) carried: Vec<bool>,
     /// Extent of each object along the up direction, in world units.
     pub(crate) tall: Vec<f64>,
-    /// Reason why there is no ground below each object. `None` if there is ground.
+    /// For each object, the reason why there is no ground below it; `None` if there is ground.
     pub(crate) unsupported: Vec<Option<Unsupported>>,
     /// Part of each object that is embedded in a surface that it does not stand on.
     pub(crate) embedded: Vec<Option<Embedded>>,

@@ -113,8 +113,8 @@ impl LightPoints {
     }
 
     /// Share of its incident light that a point reflects, at most 1 per channel. It is computed from the radiance
-    /// that the panorama shows, and is the albedo of the point if the panorama is right. Occlusion by the receiver
-    /// is ignored.
+    /// that the panorama shows, and is the albedo of the point if the panorama is accurate. Occlusion by the
+    /// receiver is ignored.
     pub fn albedo(&self, place: Vec3, normal: Vec3, radiance: Vec3) -> Vec3 {
         let irradiance: Vec3 = self.0.iter().map(|point| point.seen_from(place, normal).1).sum();
         let albedo = radiance * (0.5 * TAU) / irradiance;

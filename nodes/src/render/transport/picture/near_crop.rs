@@ -85,8 +85,8 @@ pub(crate) struct Apart {
     square: f64,
 }
 
-/// Bounds of the directions to the objects that hold for all points of the receiver. `None` if an object may touch
-/// the receiver.
+/// Bounds of the directions to the objects, valid for all points of the receiver. `None` if an object may touch the
+/// receiver.
 pub(crate) fn apart(scene: &Scene<'_>) -> Option<Apart> {
     let ((low, high), objects) = (scene.receiver.bvh.bounds()?, scene.objects.bvh.bounds()?);
     let margin = Vec3::splat(scene.receiver.margin_within(low, high));

@@ -199,7 +199,7 @@ impl Objects {
         at as u32
     }
 
-    /// Bounding box of each placed object, over finite corners.
+    /// Bounding box of the finite corners of each placed object.
     pub(crate) fn boxes(&self) -> Vec<Aabb> {
         let mut boxes = vec![Aabb::EMPTY; self.placed.len()];
         for (part, triangles) in self.parts_with_triangles() {

@@ -20,8 +20,8 @@ pub struct Support {
     /// Error of the mesh, in world units. A hit within this distance of `height` is moved fully onto the side, and
     /// a hit up to twice as far away is moved partially. 0 for a smooth mesh.
     pub(crate) reach: f32,
-    /// Height within which hits belong to this support rather than to the support of another object, if this
-    /// support is the nearest one.
+    /// Maximum difference in height between a hit and the support for the hit to belong to this support rather than
+    /// to the support of another object. This applies only if this support is the nearest one.
     pub(crate) claims: f32,
 }
 

@@ -85,7 +85,7 @@ impl Towards {
         Self { cone, pdf }
     }
 
-    /// Density of a direction.
+    /// Density with which a direction is sampled.
     pub(crate) fn pdf(&self, direction: Vec3) -> f32 {
         let inside = self.pdf > 0.0 && direction.dot(self.cone.axis) >= self.cone.cosine;
         if inside { self.pdf } else { 0.0 }
@@ -104,7 +104,7 @@ impl Towards {
         sends.then(|| self.direction(points.pair(TOWARDS)))
     }
 
-    /// Direction for two random numbers.
+    /// Direction within the cone, chosen by two random numbers.
     fn direction(&self, [u, v]: [f32; 2]) -> Vec3 {
         let (sin, cos) = circle(u);
         // Measured from the axis, so that narrow cones keep their precision.
