@@ -67,7 +67,7 @@ pub fn write_for(
     comment: Option<&str>,
     progress: Progress<'_>,
 ) -> Result<Vec<u8>, Error> {
-    let fail = |e: image::ImageError| Error::Mismatch(format!("cannot make a JPEG: {e}"));
+    let fail = |e: image::ImageError| Error::Mismatch(format!("cannot encode the picture as JPEG: {e}"));
     let (width, height) = (raster.width as u32, raster.height as u32);
     if width > 65_535 || height > 65_535 {
         return Err(Error::Mismatch(format!("{width}x{height} pixels are too many for JPEG; write a PNG")));

@@ -127,7 +127,7 @@ fn whole(
     if linear {
         notes.decision(
             "linear-profile",
-            "the colour profile of the file declares linear light; it is read as linear",
+            "the colour profile of the file declares linear light, so the picture is read as linear",
         );
     }
     Ok((raster.width, raster.height, channels, samples, linear))
@@ -143,7 +143,7 @@ fn tell(file: &exr::Opened<'_>, by_default: bool, notes: &mut Notes) {
         notes.warning(
             "one-part-only",
             format!(
-                "the file has {} parts; `{}` is read, and `layer` may name another: {}",
+                "the file has {} parts, and the part `{}` is read; set `layer` to read another part: {}",
                 file.parts(),
                 file.part(),
                 file.part_names().join(", ")

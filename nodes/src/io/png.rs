@@ -168,7 +168,7 @@ fn write_all(
     texts: &[(&str, &str)],
     progress: Progress<'_>,
 ) -> Result<Vec<u8>, Error> {
-    let fail = |e: png::EncodingError| Error::Mismatch(format!("cannot make a PNG: {e}"));
+    let fail = |e: png::EncodingError| Error::Mismatch(format!("cannot encode the picture as PNG: {e}"));
     let Some(first) = frames.first() else {
         return Err(Error::Mismatch("cannot write a PNG without a picture".to_owned()));
     };

@@ -59,7 +59,7 @@ impl Deflate {
 
 /// The data of a picture: all filtered rows, each preceded by the number of its filter, deflated.
 pub fn pack(raster: &Raster, packing: Packing, progress: Progress<'_>) -> Result<Vec<u8>, Error> {
-    let fail = |e: std::io::Error| Error::Mismatch(format!("cannot make a PNG: {e}"));
+    let fail = |e: std::io::Error| Error::Mismatch(format!("cannot encode the picture as PNG: {e}"));
     let rows = raster.height;
     let step = (BATCH / (raster.width * raster.channels * 2).max(1)).clamp(1, 256);
     let length = raster.width * raster.channels * if raster.largest == 255 { 1 } else { 2 } + 1;

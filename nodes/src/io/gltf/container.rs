@@ -7,7 +7,7 @@ use crate::error::Error;
 
 /// Splits a GLB into its JSON and binary chunks.
 pub(super) fn split<'a>(name: &str, bytes: &'a [u8]) -> Result<(&'a [u8], Option<Vec<u8>>), Error> {
-    let short = || Error::format(name, "the GLB is cut off");
+    let short = || Error::format(name, "the GLB is truncated");
     let word = |at: usize| -> Result<usize, Error> {
         let raw = bytes.get(at..at + 4).ok_or_else(short)?;
         Ok(raw.iter().rev().fold(0, |sum, b| sum << 8 | usize::from(*b)))

@@ -156,7 +156,7 @@ pub(super) fn chunks<'a>(file: &str, bytes: &'a [u8]) -> Result<(&'a [u8], Optio
     if bytes.len() <= at {
         return Ok((json, None));
     }
-    let head = range(file, bytes, at, 8, "the head of a chunk")?;
+    let head = range(file, bytes, at, 8, "the header of a chunk")?;
     let binary = range(file, bytes, at + 8, u32_at(head, 0) as usize, "the binary chunk")?;
     Ok((json, (&head[4..8] == b"BIN\0").then_some(binary)))
 }

@@ -159,7 +159,7 @@ impl Loaded {
 /// Warns about bytes after the end of the data.
 fn left_over(file: &str, bytes: usize, notes: &mut Notes) {
     if bytes > 0 {
-        let text = format!("`{file}` has {bytes} bytes after its splats, which are ignored");
+        let text = format!("the bytes after the splats of `{file}` are ignored (number: {bytes})");
         notes.warning("bytes-left-over", text);
     }
 }

@@ -163,7 +163,7 @@ pub(super) fn load(
         notes.decision("display-colours", text);
     }
     if layout.scale[2].is_none() {
-        let text = format!("`{file}` has two scales per splat, as 2DGS writes: its splats are flat");
+        let text = format!("`{file}` has two scales per splat, as 2DGS writes them, so its splats are flat");
         notes.decision("two-scales", text);
     }
     if layout.filter.is_some() {

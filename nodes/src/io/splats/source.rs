@@ -87,7 +87,7 @@ impl Format {
                 means: Option<serde::de::IgnoredAny>,
             }
             if streamed::is_streamed(bytes) {
-                let what = "the levels of a streamed SOG; `LoadSplats` reads them from its folder";
+                let what = "the levels of a streamed SOG; `LoadSplats` reads them from the folder that contains them";
                 return Err(Error::unsupported(file, what));
             }
             let peek: Peek = serde_json::from_slice(json_text(bytes))

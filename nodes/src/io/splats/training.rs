@@ -10,7 +10,10 @@ pub(super) fn antialiased(comments: &[String], file: &str, notes: &mut Notes) ->
         return false;
     };
     if yes {
-        let text = format!("`{file}` was trained antialiased according to its comment `{}`", comment.trim());
+        let text = format!(
+            "the splats of `{file}` were trained with antialiasing, according to its comment `{}`",
+            comment.trim()
+        );
         notes.decision("antialiased", text);
     }
     yes

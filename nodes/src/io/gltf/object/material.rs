@@ -413,7 +413,8 @@ mod tests {
         assert!(Materials::new("a", &json).read(&mut notes).is_ok());
         let reported: Vec<_> = notes.iter().map(|n| n.text.clone()).collect();
         assert!(
-            reported[0].starts_with("2 animations of the file") && reported[1].starts_with("1 cameras"),
+            reported[0].starts_with("the animations of the file are left out (number: 2)")
+                && reported[1].starts_with("the cameras of the file are left out (number: 1)"),
             "{reported:?}"
         );
         assert_eq!(reported.len(), 2);

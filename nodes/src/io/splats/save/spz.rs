@@ -92,8 +92,9 @@ pub(super) fn encode(
     cx: &Context,
     notes: &mut Notes,
 ) -> Result<Vec<u8>, NodeError> {
-    let count = u32::try_from(splats.len())
-        .map_err(|_| NodeError::new(format!("SPZ cannot store {} splats", splats.len())))?;
+    let count = u32::try_from(splats.len()).map_err(|_| {
+        NodeError::new(format!("SPZ cannot store {} splats; the maximum is 2^32 - 1", splats.len()))
+    })?;
     let bits = fraction_bits(splats, notes)?;
     // Scales begin at e^-10: smaller ones grow, which is visible if the whole scene is small.
     let smallest = num::f64::exp(-10.0);
