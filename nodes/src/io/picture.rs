@@ -35,8 +35,8 @@ pub(crate) fn head_of(file: &FileHead<'_>) -> Option<Head> {
     file.open().and_then(|mut reader| Head::read(&mut reader))
 }
 
-/// Peak memory for reading a picture, which includes the bytes of the file, and the size of the resulting floats,
-/// both in bytes.
+/// Two sizes in bytes: the peak memory for reading a picture, including the bytes of the file, and the size of the
+/// resulting floats.
 pub fn floats_of(file: &FileHead<'_>) -> [u64; 2] {
     let [reading, floats] = head_of(file).map_or([0; 2], |head| head.as_floats());
     [reading.saturating_add(file.bytes), floats]

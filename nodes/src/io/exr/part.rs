@@ -1,4 +1,4 @@
-//! Choice of a part of a file.
+//! Selection of a part of an OpenEXR file.
 
 use exr::meta::header::Header;
 

@@ -61,7 +61,7 @@ impl Side {
         Some(Self { out: up, axes, height: base, middle, half, low, high })
     }
 
-    /// Flat sides of the oriented bounding box, except one that faces straight down.
+    /// Flat sides of the oriented bounding box of an object, except a side that faces straight down.
     pub(crate) fn flat(placed: &Placed, up: DVec3) -> Vec<Self> {
         let points: Vec<DVec3> = corners(placed).collect();
         let linear = DMat3::from_mat4(placed.world_from_object);
