@@ -62,7 +62,7 @@ fn tell(part: &GPano, notes: &mut Notes) {
     if part.tilt.iter().any(|degrees| degrees.abs() > 0.5) {
         let [pitch, roll] = part.tilt;
         let what = format!(
-            "according to its metadata (GPano), the picture is pitched by {pitch} and rolled by {roll} degrees; this is ignored, and its rows are treated as level"
+            "according to its metadata (GPano), the picture is pitched by {pitch} and rolled by {roll} degrees; this is ignored, and the rows of the picture are treated as level"
         );
         notes.warning("tilt-ignored", what);
     }

@@ -86,7 +86,7 @@ pub fn parse(name: &str, bytes: &[u8]) -> Result<File, Error> {
             name,
             format!("{format}: objects must be glTF or GLB; open the file in a program that reads it, such as Blender, and export glTF 2.0"),
         ),
-        None => Error::format(name, format!("the file is neither GLB nor glTF; its JSON does not parse ({e})")),
+        None => Error::format(name, format!("the file is neither GLB nor glTF; its JSON cannot be parsed ({e})")),
     })?;
     let version = json["asset"]["version"].as_str().unwrap_or_default().to_owned();
     if !version.starts_with("2.") {

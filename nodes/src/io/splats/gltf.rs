@@ -336,7 +336,7 @@ fn primitive(
             // The default of the extension.
             None | Some("cameraDistance") => {
                 let text =
-                    format!("`{file}` was made for sorting by distance: use `SplatRender(sort: Distance)`");
+                    format!("`{file}` was made for sorting by distance; use `SplatRender(sort: Distance)`");
                 notes.decision("sorting-method", text);
             }
             Some(other) => {

@@ -239,7 +239,7 @@ pub(super) fn load(
     super::left_over(file, left_over, notes);
     if header.version <= 2 {
         let text = format!(
-            "`{file}` is SPZ version {}: its rotations have errors of up to 12 degrees",
+            "`{file}` is a file of SPZ version {}, so its rotations have errors of up to 12 degrees",
             header.version
         );
         notes.warning("coarse-rotations", text);

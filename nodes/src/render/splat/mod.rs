@@ -124,7 +124,7 @@ impl Work {
                 )
             } else if self.degenerate > self.projected {
                 format!(
-                    "footprints that are not finite ellipses were left out ({}); check the scales of the splats",
+                    "footprints that are not finite ellipses were left out (number: {}); check the scales of the splats",
                     self.degenerate
                 )
             } else {
@@ -230,7 +230,7 @@ fn check(camera: &Camera, limit: Option<Limit<'_>>) -> Result<(), NodeError> {
     let found = limit.map_or(size, |Limit { depth, .. }| (depth.width, depth.height, depth.channels));
     if found != size {
         let what = format!(
-            "the limiting depth for view `{}` has {}x{} pixels of {} channels; it must have {}x{} pixels of 1 channel",
+            "the limiting depth for view `{}` has {}x{} pixels and the channel count {}; it must have {}x{} pixels and 1 channel",
             camera.name, found.0, found.1, found.2, size.0, size.1
         );
         return Err(NodeError::new(what).at("limit"));

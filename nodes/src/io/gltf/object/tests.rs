@@ -245,7 +245,7 @@ fn other_formats_are_named() {
         assert!(reported.contains(&format!("{format}: objects must be glTF")), "{reported}");
     }
     let reported = parse("a.gltf", b"{").err().map(|e| e.to_string()).unwrap_or_default();
-    assert!(reported.contains("JSON does not parse"), "{reported}");
+    assert!(reported.contains("JSON cannot be parsed"), "{reported}");
 }
 
 #[test]

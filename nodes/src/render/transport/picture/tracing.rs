@@ -232,6 +232,6 @@ fn expect_size(sums: &Sums, area: Area, channels: usize) -> Result<(), NodeError
     if sums.sums.len() == expected {
         Ok(())
     } else {
-        Err(NodeError::new("a stored part has the wrong size; clear the cache"))
+        Err(NodeError::new("a stored part of the picture has the wrong size; clear the cache"))
     }
 }

@@ -64,7 +64,7 @@ impl Tally {
             (
                 "tangents-made",
                 self.tangents_made,
-                "of the primitives needed tangents for a normal map or for anisotropy, which had to be computed",
+                "of the primitives had no tangents for a normal map or for anisotropy; the tangents were computed",
             ),
             (
                 "tangents-arbitrary",
