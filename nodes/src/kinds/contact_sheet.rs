@@ -40,7 +40,7 @@ struct Layout {
     columns: usize,
     cell: (usize, usize),
     gap: usize,
-    /// Width and height of the sheet.
+    /// Width and height of the sheet, in pixels.
     size: (usize, usize),
 }
 

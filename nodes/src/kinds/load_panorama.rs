@@ -34,9 +34,9 @@ engine::params! {
         path: InputFile, other("\"b.exr\"");
         /// Layer of an OpenEXR file, such as `ViewLayer.Combined`, or a channel. The default is the unnamed layer.
         layer: String = String::new(), other("\"R\"");
-        /// Exposes linear light as an 8-bit camera would, this many stops above EV 0. At EV 0 the median of the
-        /// picture, raised to the power 1 / 2.4, is half of white, unless more than 15 % of the sphere would then
-        /// be above white. `None` keeps the light unclipped.
+        /// Exposes linear light as an 8-bit camera would, this many stops above EV 0. At EV 0, the median of
+        /// the samples above 0 is 0.5 after it is raised to the power 1 / 2.4. If more than 15 % of the sphere would
+        /// then be above white, EV 0 is darker. `None` keeps the light unclipped.
         photograph_ev: Option<f64> = None, range(-24, 24), unit("EV"), other("1.0");
         /// Rotation about the up axis, counter-clockwise seen from above. Linear light is interpolated between
         /// pixels; display colours rotate by the nearest whole number of columns, because interpolation would dim a
@@ -146,7 +146,7 @@ impl Kind for LoadPanorama {
     }
 }
 
-/// The rotation, in degrees, by the whole number of columns that is nearest to a rotation by `degrees`.
+/// Returns `degrees` rounded to a rotation by a whole number of columns, in degrees.
 fn whole_columns(degrees: f64, width: usize, notes: &mut Notes) -> f64 {
     let column = 360.0 / width as f64;
     let whole = (degrees / column).round() * column;

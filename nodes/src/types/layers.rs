@@ -1,4 +1,5 @@
-//! Layers of one picture: matching of views, and conversion to linear light.
+//! Functions for combining pictures: finding the picture of a view in a set, and converting pictures to linear
+//! light.
 
 use std::borrow::Cow;
 

@@ -1,4 +1,4 @@
-//! Receiver meshes.
+//! Meshes of the captured scene, which receive the shadows of objects.
 
 use engine::{Artifact, Corrupt, Decoder, Difference, Encoder};
 use glam::DVec3;

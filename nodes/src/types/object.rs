@@ -42,7 +42,7 @@ pub struct Object {
     pub textures: Vec<Texture>,
 }
 
-/// An object with its position in the world. Port type `placed`.
+/// An object and its placement in the world. Port type `placed`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Placed {
     /// The object.

@@ -69,7 +69,7 @@ pub(crate) fn count_of(wishes: &[Pick]) -> Option<usize> {
     (!wishes.is_empty() && indices.len() == wishes.len()).then_some(wishes.len())
 }
 
-/// Indices of the chosen cameras, each once, in the order of the patterns.
+/// Returns the indices of the cameras that `wishes` choose, in the order of the patterns. Each index occurs once.
 pub(crate) fn chosen(wishes: &[Pick], names: &[String], pictures: &[&str]) -> Result<Vec<usize>, NodeError> {
     if wishes.is_empty() {
         return Ok((0..names.len()).collect());

@@ -9,11 +9,11 @@ use serde::Serialize;
 pub enum Cell {
     /// Text.
     Text(String),
-    /// A count.
+    /// A whole number, such as a count.
     Count(u64),
-    /// A measurement, finite; unit and meaning are in the heading of the column.
+    /// A finite measurement. The heading of the column gives its meaning and unit.
     Number(f64),
-    /// A value that was not computed; printed as such, never as 0.
+    /// A value that was not computed. It is never printed as 0.
     Missing,
 }
 

@@ -2,7 +2,7 @@
 
 use engine::NodeError;
 
-/// Checks the name of a view, which becomes part of paths.
+/// Checks that the name of a view can be part of a file name.
 pub(crate) fn check_name(name: &str) -> Result<(), NodeError> {
     if name.is_empty()
         || name.contains(['/', '\\', '{', '}'])

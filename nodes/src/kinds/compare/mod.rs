@@ -84,9 +84,10 @@ engine::inputs! {
         image: Arc<Images>,
         /// Reference picture.
         reference: Arc<Images>,
-        /// Mask: only pixels where its first channel is above 0.5 count, for the row `whole` and every region.
+        /// Mask of the pixels that are compared: those at which its first channel is above 0.5. It applies to the
+        /// row `whole` and to every region.
         mask: Option<Arc<Images>>,
-        /// Regions to report separately: masks whose first channel is above 0.5 inside.
+        /// Regions to report separately, as masks: a pixel belongs to a region if the first channel is above 0.5.
         regions: Vec<Arc<Images>>,
         /// Picture without the object, for the baseline "nothing inserted".
         background: Option<Arc<Images>>,

@@ -180,8 +180,8 @@ impl Pair {
         Some(row)
     }
 
-    /// Measures for ratios: the mean of `|ln a - ln b|` over samples clamped to at least [`DARKEST`], and
-    /// intersection over union of the pixels whose mean is below 0.98.
+    /// Measures for ratios: the mean of `|ln a - ln b|` over samples clamped to at least [`DARKEST`], and the
+    /// intersection over union of the shadows, which are the pixels whose mean is below 0.98.
     fn ratio(&self, counts: impl Fn(usize) -> bool) -> (Option<f64>, Option<f64>) {
         let channels = self.a.channels.min(self.b.channels).max(1);
         let (mut sum, mut samples, mut both, mut either) = (0.0, 0_u64, 0_u64, 0_u64);

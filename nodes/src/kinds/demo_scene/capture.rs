@@ -43,7 +43,7 @@ impl Patch {
     }
 }
 
-/// A splat before it is moved to the world.
+/// A splat in the frame of the demo scene.
 struct Splat {
     mean: DVec3,
     axes: [DVec3; 3],
@@ -199,7 +199,7 @@ fn display(rgb: Rgb) -> Rgb {
     rgb.map(|v| f64::from(srgb_from_linear(v.clamp(0.0, 1.0) as f32)))
 }
 
-/// Coefficients of spherical harmonics for a colour that does not depend on direction.
+/// Coefficients of spherical harmonics of a colour that is the same in all directions.
 fn flat(colour: Rgb) -> [Rgb; SH] {
     let mut sh = [[0.0; 3]; SH];
     sh[0] = colour.map(|v| (v - 0.5) / basis(DVec3::Z)[0]);

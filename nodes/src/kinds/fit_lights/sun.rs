@@ -65,7 +65,7 @@ impl Sun {
     }
 }
 
-/// Whether the best candidate is accepted as the sun, or the reason why it is not.
+/// Whether the best candidate is accepted as the sun, and if not, the reason.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Verdict {
     Accepted,
@@ -159,7 +159,8 @@ pub(super) fn find(
     }))
 }
 
-/// Item with the smallest number, and that number. Of items with equal numbers, the first is returned.
+/// The number and the item of the pair with the smallest number. Of pairs with equal numbers, the first is
+/// returned.
 fn least<T: Copy>(of: impl IntoIterator<Item = (f64, T)>) -> (f64, T) {
     let mut of = of.into_iter();
     let first = of.next().expect("the lists of settings and directions are not empty");

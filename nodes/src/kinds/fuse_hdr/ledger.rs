@@ -25,7 +25,7 @@ pub(super) struct Lights {
     pub members: Vec<Vec<usize>>,
     /// Pixels that fusion made darker, which do not count as lights.
     darker: Vec<usize>,
-    /// Pixels left unchanged although light was predicted for them.
+    /// Pixels that fusion left unchanged although light was predicted for them.
     left: Vec<usize>,
     /// Name of each step, and the luminance of pixels after it: one list for each light, then one list for the
     /// pixels made darker, and one for the pixels left unchanged.

@@ -15,13 +15,14 @@ use crate::math::num;
 /// file.
 pub type Sizes<'a> = &'a dyn Fn(&str) -> Option<[u64; 2]>;
 
-/// Path of a picture with the separators of this system. Exporters on Windows separate folders by backslashes.
+/// Converts the separators in the path of a picture to those of this system. Exporters on Windows separate folders
+/// with backslashes.
 pub fn picture_path(path: &str) -> String {
     let path = path.replace('\\', "/");
     path.strip_prefix("./").map(str::to_owned).unwrap_or(path)
 }
 
-/// Paths of the pictures of all frames without a size in a `transforms.json`; empty for any other file.
+/// Paths of the pictures of those frames of a `transforms.json` that have no size. Empty for any other file.
 pub fn pictures_without_size(bytes: &[u8]) -> Vec<String> {
     let Ok(json) = serde_json::from_slice::<Value>(json_text(bytes)) else { return Vec::new() };
     let sized =

@@ -221,8 +221,8 @@ fn with_pictures(file: SourceFile, root: &SourceRoot) -> Vec<SourceFile> {
     files
 }
 
-/// File of a picture whose path is relative to the cameras file. The path may lack the extension, as it does in the
-/// synthetic scenes of NeRF.
+/// Finds the file of a picture whose path is relative to the cameras file. The path may lack the extension, as it
+/// does in the synthetic scenes of NeRF. `None` if there is no such file.
 fn existing(file: &SourceFile, picture: &str, root: &SourceRoot) -> Option<SourceFile> {
     ["", ".png", ".jpg", ".jpeg", ".JPG", ".PNG"]
         .iter()
@@ -239,7 +239,7 @@ fn is_gltf(path: &InputFile) -> bool {
     lower.ends_with(".glb") || lower.ends_with(".gltf")
 }
 
-/// Number of images of a binary COLMAP model, from the first bytes of its file; `None` for other files, and if the
+/// Number of images of a binary COLMAP model, read from the start of its file. `None` for other files, and if the
 /// number exceeds the limit on cameras.
 fn images_of(p: &LoadCameras, root: &SourceRoot) -> Option<usize> {
     if is_json(&p.path) || is_gltf(&p.path) {
@@ -252,7 +252,7 @@ fn images_of(p: &LoadCameras, root: &SourceRoot) -> Option<usize> {
     usize::try_from(u64::from_le_bytes(count)).ok().filter(|count| (1..=CAMERA_LIMIT).contains(count))
 }
 
-/// Sets of files that a path may stand for if it is not a JSON file, in order of preference.
+/// Sets of files that a path may stand for if it is not the path of a JSON file, in order of preference.
 fn candidates(path: &InputFile) -> Vec<Vec<InputFile>> {
     let folder = match path.0.rsplit_once('/') {
         Some((folder, file)) if is_part(file) => folder,
@@ -312,7 +312,7 @@ fn read(p: &LoadCameras, cx: &Context, notes: &mut Notes) -> Result<Vec<Raw>, No
     Ok(cameras)
 }
 
-/// Cameras of the file, and the bytes of the file if it is JSON.
+/// Reads the cameras of the file. Also returns the bytes of the file if it is JSON.
 fn read_file(
     p: &LoadCameras,
     cx: &Context,
@@ -343,8 +343,8 @@ fn read_file(
     Ok((cameras, None))
 }
 
-/// Names of pictures without folder and extension. Pictures of the same name keep as many of their folders as are
-/// needed to distinguish them.
+/// Returns the names of pictures without folder and extension. Pictures with the same name keep as many of their
+/// folders as are needed to distinguish them.
 fn view_names(pictures: &[&str]) -> Vec<String> {
     let mut names: Vec<String> = pictures.iter().map(|picture| view_name(picture, 0)).collect();
     let deepest = pictures.iter().map(|picture| picture.matches(['/', '\\']).count()).max().unwrap_or(0);

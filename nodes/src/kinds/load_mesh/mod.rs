@@ -35,9 +35,10 @@ engine::choices! {
 engine::choices! {
     /// Frame of reference of a mesh file.
     pub enum MeshFrame {
-        /// The world of the scene, in world units, as mesh extraction writes it.
+        /// The frame of the captured scene, in world units. Programs that extract a mesh from a capture use this
+        /// frame.
         World,
-        /// The frame of glTF, y up and in metres. It is rotated and scaled to the world by `up` and
+        /// The frame of glTF, y up and in metres. Coordinates are converted to the world with `up` and
         /// `metres_per_unit` of the scene.
         Gltf,
     }
@@ -73,7 +74,7 @@ engine::outputs! {
     }
 }
 
-/// A mesh as stored in a file: colours are not linear yet, and faces are not checked yet.
+/// A mesh as stored in a file, with colours that are not yet linear and faces that are not yet checked.
 #[derive(Default)]
 struct RawMesh {
     positions: Vec<[f64; 3]>,
@@ -294,8 +295,8 @@ fn clean(name: &str, raw: RawMesh, srgb: bool, cx: &Context, notes: &mut Notes) 
     Ok(mesh)
 }
 
-/// True if a triangle has no area. The test uses f64: products of differences of f32 values are then so exact that
-/// the result is 0 only for collinear corners.
+/// True if a triangle has no area. In f64, products of differences of f32 values are exact enough that the result
+/// is 0 only for collinear corners.
 fn area_is_zero([a, b, c]: [DVec3; 3]) -> bool {
     (b - a).cross(c - a) == DVec3::ZERO
 }

@@ -188,8 +188,8 @@ fn report_darkness(view: &FinishedView, name: &str, power: [f64; 3], rules: &Rul
     }
 }
 
-/// Warns where single precision is too coarse for an object at its distance: shadows and detail smaller than the
-/// ray offset are lost.
+/// Warns of objects that are too far from the first camera for single precision, which loses shadows and details
+/// that are smaller than the ray offset.
 pub(crate) fn report_coarse_coordinates(prepared: &PreparedScene<'_>, objects: &Objects, notes: &mut Notes) {
     for (index, Aabb { low, high }) in objects.boxes().into_iter().enumerate() {
         let (size, distance) = ((high - low).max_element(), ((low + high) * 0.5).length());
@@ -353,7 +353,7 @@ pub(crate) fn report_first_samples(samples: u32, most: u32, notes: &mut Notes) {
     }
 }
 
-/// Reports the samples taken for a target error.
+/// Reports the number of samples that were taken to reach the target error, and the error that was reached.
 pub(crate) fn report_plan(view: &str, reached: &ReachedError, most: u32, notes: &mut Notes) {
     let ReachedError { asked, worst, blocks: [all, more, short], samples, .. } = *reached;
     let text = format!(
@@ -434,7 +434,7 @@ fn percent(share: f64) -> String {
     if share < 0.01 { "less than 1 %".to_owned() } else { format!("{:.0} %", 100.0 * share) }
 }
 
-/// Reports for which share of the chunks of samples the change due to objects was not traced.
+/// Reports the share of the chunks of samples in which the change due to objects was not traced.
 fn report_cropped(view: &str, (share, bound): (f64, f64), notes: &mut Notes) {
     if share > 0.0 {
         let text = format!(

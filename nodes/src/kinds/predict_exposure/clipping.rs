@@ -70,12 +70,12 @@ impl<'a> Clipping<'a> {
         Ok(Self { params, pano, pixels, mask, clipped, exhaustive, ceiling, network, photographs })
     }
 
-    /// Method that is used. It is `Skip` if no pixel is clipped, unless the run is exhaustive.
+    /// The method that is used. If no pixel is clipped, it is `Skip`, unless the run is exhaustive.
     pub fn method(&self) -> &Method {
         if self.clipped == 0 && !self.exhaustive { &Method::Skip } else { &self.params.method }
     }
 
-    /// The clipped regions on the grid.
+    /// The clipped regions, as cells of the grid.
     fn on_grid(&self) -> Clipped<'_> {
         Clipped::new(self.pano.up, &self.pano.alpha.samples, (&self.pixels, &self.mask, self.ceiling))
     }

@@ -205,7 +205,7 @@ struct Clipped<'a> {
     members: Vec<Vec<usize>>,
 }
 
-/// Estimate for one region.
+/// Estimate of the hidden light of one region.
 struct RegionLight {
     sun: bool,
     azimuth_deg: f64,
@@ -274,7 +274,7 @@ fn sorted(evs: &[f64]) -> Vec<f64> {
     evs
 }
 
-/// Linear light as a camera records it: limited to white if the panorama is display-encoded.
+/// Linear light of the panorama, limited to white if the panorama is display-encoded.
 fn clipped_light(pano: &Panorama, notes: &mut Notes) -> Result<LinearPixels, NodeError> {
     if matches!(pano.image, Picture::Data(_)) {
         return Err(Error::Mismatch("the panorama holds data, not colour".to_owned()).into());

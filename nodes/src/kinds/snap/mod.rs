@@ -65,8 +65,8 @@ engine::outputs! {
 const NEAR: f64 = 0.02;
 /// Minimum opacity of splats that count as ground.
 const OPAQUE: f32 = 0.3;
-/// Distance within which the nearest ground is searched for an error message, in metres. It is the largest value of
-/// `reach_metres`.
+/// Distance within which the nearest ground is searched for, in metres, to name it in an error message. It is the
+/// largest value of `reach_metres`.
 const FAR: f64 = 100.0;
 /// Minimum cosine of the angle between the normal of the ground and up.
 const STEEPEST: f64 = 0.7;

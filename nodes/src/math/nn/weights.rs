@@ -25,7 +25,7 @@ impl<'a> Weights<'a> {
         self.tensors.tensor(name).is_ok()
     }
 
-    /// A tensor in f32 and its shape; f16 and bf16 are widened, which is exact.
+    /// Returns the shape and the values of a tensor. f16 and bf16 are converted to f32, which is exact.
     pub fn tensor(&self, name: &str) -> Result<(Vec<usize>, Vec<f32>), Error> {
         let wrong = |what: String| Error::format(self.file, format!("tensor `{name}` {what}"));
         let view = self.tensors.tensor(name).map_err(|_| wrong("is missing".to_owned()))?;

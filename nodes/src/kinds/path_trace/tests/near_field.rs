@@ -12,7 +12,7 @@ use crate::testing::{SphereBins, chi_square};
 
 /// Point of capture of the panoramas below.
 const EYE: DVec3 = DVec3::new(-0.9, -0.7, 1.1);
-/// Lamp on the wall at x = 2 of [`room`]: its lowest and highest y and z.
+/// Range in y and range in z of the lamp, which is on the wall at x = 2 of [`room`].
 const LAMP: [[f64; 2]; 2] = [[0.2, 1.2], [1.5, 2.3]];
 
 /// Panorama at [`EYE`] in a black room with the lamp, of radiance 10. Each texel is the mean of many points.
