@@ -81,11 +81,11 @@ impl Kind for ContactSheet {
         if let Some(other) = views.iter().find(|view| like(&view.picture) != like(&first.picture)) {
             let text = |view: &NamedImage| {
                 let (encoding, channels) = like(&view.picture);
-                format!("`{}` has {encoding} values and {channels} channels", view.name)
+                format!("`{}` has the encoding `{encoding}` (channels: {channels})", view.name)
             };
-            return Err(NodeError::new(format!("{}, {}", text(first), text(other)))
+            return Err(NodeError::new(format!("{}, but {}", text(first), text(other)))
                 .at("images")
-                .hint("a sheet has one encoding; gather pictures of the same encoding"));
+                .hint("gather pictures with the same encoding and number of channels"));
         }
         let layout = Layout::new(p, &views);
         let (width, height) = layout.size;

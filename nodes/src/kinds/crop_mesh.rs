@@ -76,7 +76,10 @@ impl Kind for CropMesh {
         let (left, all) = (kept.triangles.len(), mesh.triangles.len());
         notes.count("cropped", (all - left) as u64, format_args!("of {all} triangles were removed"));
         if left == 0 && all > 0 {
-            notes.degraded("empty", "no triangle of the mesh is left");
+            notes.degraded(
+                "empty",
+                "no triangle of the mesh lies in the box and below `below_height`, so the mesh is empty",
+            );
         }
         Ok((Out { mesh: Arc::new(kept) }, notes))
     }

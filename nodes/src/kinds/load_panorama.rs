@@ -113,11 +113,12 @@ impl Kind for LoadPanorama {
         }
         let (image, light) = match p.photograph_ev {
             Some(_) if !linear => {
-                let error =
-                    NodeError::new("the file contains display colours, which already have an exposure");
+                let error = NodeError::new(
+                    "`photograph_ev` needs linear light, but the display colours of the file already have an exposure",
+                );
                 return Err(error
                     .at("photograph_ev")
-                    .hint("leave out `photograph_ev`, or load an OpenEXR or Radiance file"));
+                    .hint("remove `photograph_ev`, or load an OpenEXR or Radiance file"));
             }
             Some(ev) => photograph(Image::from_samples(width, height, 3, samples), ev, cx.up(), &mut notes),
             None if linear => {

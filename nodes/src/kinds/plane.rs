@@ -76,7 +76,7 @@ impl Kind for Plane {
         let middle = at.translation();
         let straight = right.cross(forward).dot(up);
         if !middle.is_finite() || straight.is_nan() || straight <= 0.5 {
-            return Err(NodeError::new("the pose is not finite, or has no ground plane").at("at"));
+            return Err(NodeError::new("the pose is not finite, mirrors the plane or flattens it").at("at"));
         }
         let sides = [params.width_metres, params.depth_metres];
         let squares = sides.map(|side| ((side / params.square_metres).ceil() as u32).max(1));
@@ -117,7 +117,7 @@ impl Kind for Plane {
             )?;
             if mesh.colours.is_empty() {
                 let text = format!(
-                    "no splat lies within {} m of the plane, so it has no colours",
+                    "no splat lies within {} m of the plane, so the plane has no colours",
                     params.thickness_metres
                 );
                 notes.warning("plane-without-colours", text);

@@ -139,7 +139,7 @@ impl Kind for SplatPanorama {
         if fine * fine / 2 <= MAX_PIXELS {
             return Ok(());
         }
-        let what = format!("{fine} by {} samples are too many", fine / 2);
+        let what = format!("a panorama of {fine} by {} samples is too large", fine / 2);
         Err(NodeError::new(what).at("supersample").hint(format!("the limit is {MAX_PIXELS} samples")))
     }
 

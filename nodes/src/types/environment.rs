@@ -93,7 +93,7 @@ impl Artifact for Environment {
 
     fn difference(&self, other: &Self) -> Difference {
         if self.up != other.up || self.origin != other.origin {
-            return Difference::of("captured at another point");
+            return Difference::of("the up axes or the points of capture differ");
         }
         let size = |image: &Image<Linear>| (image.width, image.height, image.channels);
         samples_difference(

@@ -39,7 +39,7 @@ impl Similarity {
             return error("the determinant of `matrix` must be finite, and not 0");
         }
         if determinant < 0.0 {
-            return error("`matrix` mirrors");
+            return error("`matrix` contains a reflection");
         }
         let scale = linear.x_axis.length();
         let axes = linear * (1.0 / scale);
@@ -48,7 +48,7 @@ impl Similarity {
         let near = |a: f64, b: f64| (a - b).abs() < 1e-5;
         let right = near(x.dot(y), 0.0) && near(y.dot(z), 0.0) && near(z.dot(x), 0.0);
         if !(right && near(y.length(), 1.0) && near(z.length(), 1.0)) {
-            return error("`matrix` scales unevenly or shears");
+            return error("`matrix` contains a non-uniform scale or a shear");
         }
         let y = (y - x * x.dot(y)).normalize();
         Ok(Self { rotation: DMat3::from_cols(x, y, x.cross(y)), scale, offset })

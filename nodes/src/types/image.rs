@@ -215,7 +215,7 @@ impl Artifact for Images {
                 Linear::NAME => Image::<Linear>::decode(from)?.into(),
                 Srgb::NAME => Image::<Srgb>::decode(from)?.into(),
                 Data::NAME => Image::<Data>::decode(from)?.into(),
-                other => return Err(Corrupt(format!("`{other}` is not an encoding"))),
+                other => return Err(Corrupt(format!("the encoding `{other}` is unknown"))),
             };
             images.push(NamedImage { name, picture });
         }
@@ -228,7 +228,11 @@ impl Artifact for Images {
 
     fn difference(&self, other: &Self) -> Difference {
         if self.0.len() != other.0.len() {
-            return Difference::of(format!("{} views compared with {}", self.0.len(), other.0.len()));
+            return Difference::of(format!(
+                "the numbers of views differ: {} and {}",
+                self.0.len(),
+                other.0.len()
+            ));
         }
         for (a, b) in self.0.iter().zip(&other.0) {
             if a.name != b.name || a.picture.encoding() != b.picture.encoding() {
@@ -266,7 +270,7 @@ pub(crate) fn samples_difference(
 ) -> Difference {
     if size != other_size {
         return Difference::of(format!(
-            "{name}: {}x{}x{} samples compared with {}x{}x{}",
+            "{name}: the sizes differ, {}x{}x{} and {}x{}x{} samples",
             size.0, size.1, size.2, other_size.0, other_size.1, other_size.2
         ));
     }
@@ -288,7 +292,7 @@ pub(crate) fn samples_difference(
     let psnr = -10.0 * libm::log10(squares / a.len() as f64);
     let pixel = at / size.2.max(1);
     Difference::of(format!(
-        "{name}: PSNR {psnr:.2} dB, {unequal} samples differ, largest {largest:.4} at ({}, {})",
+        "{name}: PSNR {psnr:.2} dB, {unequal} samples differ, largest difference {largest:.4} at ({}, {})",
         pixel % size.0.max(1),
         pixel / size.0.max(1)
     ))

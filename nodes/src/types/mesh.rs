@@ -66,7 +66,7 @@ impl Artifact for Mesh {
             return Difference::none();
         }
         Difference::of(format!(
-            "{} vertices and {} triangles compared with {} and {}",
+            "the meshes differ: {} vertices and {} triangles, and {} vertices and {} triangles",
             self.positions.len(),
             self.triangles.len(),
             other.positions.len(),

@@ -138,7 +138,7 @@ impl Artifact for Object {
         Difference::of(if count == others {
             format!("both have {count} triangles, but their data differ")
         } else {
-            format!("{count} triangles compared with {others}")
+            format!("the numbers of triangles differ: {count} and {others}")
         })
     }
 }

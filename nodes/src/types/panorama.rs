@@ -124,7 +124,7 @@ impl Artifact for Panorama {
 
     fn difference(&self, other: &Self) -> Difference {
         if self.up != other.up || self.origin != other.origin {
-            let from = |pano: &Self| pano.origin.map_or("an unknown place".to_owned(), |p| p.to_string());
+            let from = |pano: &Self| pano.origin.map_or("an unknown point".to_owned(), |p| p.to_string());
             return Difference::of(format!(
                 "one was captured at {}, the other at {}",
                 from(self),

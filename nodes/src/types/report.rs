@@ -113,10 +113,10 @@ impl Artifact for Report {
         for (a, b) in self.tables.iter().zip(&other.tables) {
             for (row, (x, y)) in a.rows.iter().zip(&b.rows).enumerate() {
                 if x != y {
-                    return Difference::of(format!("{}: row {row} differs", a.name));
+                    return Difference::of(format!("row {row} of the table `{}` differs", a.name));
                 }
             }
         }
-        if self == other { Difference::none() } else { Difference::of("other tables") }
+        if self == other { Difference::none() } else { Difference::of("the titles or the tables differ") }
     }
 }

@@ -148,7 +148,7 @@ impl Artifact for Rig {
             format!("{unequal} of {count} cameras differ")
         } else {
             format!(
-                "{count} cameras compared with {others}; of the first {}, {unequal} differ",
+                "the numbers of cameras differ: {count} and {others}; among the first {}, {unequal} differ",
                 count.min(others)
             )
         })

@@ -155,7 +155,7 @@ impl Kind for Compare {
                 let text = format!("{shown} of {} pixels of `{}` are inside the mask", mask.len(), view.name);
                 notes.decision(
                     "masked",
-                    format!("{text}; the row `whole` and all regions are limited to these pixels"),
+                    format!("{text}; the row `whole` and all regions contain only these pixels"),
                 );
             }
             let mut regions = vec![("whole".to_owned(), None)];
@@ -188,7 +188,7 @@ impl Kind for Compare {
                     let open = open(picture).max(open(&reference));
                     if open > 0 && pair.is_colour() {
                         let text = format!(
-                            "`{}`: {open} pixels are transparent and are compared on black",
+                            "`{}` has transparent pixels, which are composited on black (count: {open})",
                             view.name
                         );
                         notes.decision(
@@ -207,7 +207,7 @@ impl Kind for Compare {
                     if row.is_none() {
                         notes.warning(
                             "empty-region",
-                            format!("region `{region}` of `{}` has no pixel", view.name),
+                            format!("region `{region}` of `{}` contains no pixel", view.name),
                         );
                     }
                     is_colour = pair.is_colour();
@@ -224,14 +224,15 @@ impl Kind for Compare {
 fn check_names(p: &Compare, regions: usize) -> Result<(), NodeError> {
     for (at, name) in p.names.iter().enumerate() {
         if name == "whole" || p.names[..at].contains(name) {
-            let what = format!("two rows of each view would be called `{name}`");
+            let what = format!("two rows of each view would have the name `{name}`");
             return Err(NodeError::new(what).at("names").hint("give every region a unique name"));
         }
     }
     if p.names.is_empty() || p.names.len() == regions {
         return Ok(());
     }
-    let what = format!("there are {regions} regions, but {} names", p.names.len());
+    let what =
+        format!("`names` must list one name per region (names: {}, regions: {regions})", p.names.len());
     Err(NodeError::new(what).at("names").hint("name every region, in the order of the wires"))
 }
 

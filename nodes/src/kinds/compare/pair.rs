@@ -64,13 +64,13 @@ impl Pair {
         if data(a) || data(b) {
             if a.encoding() != b.encoding() {
                 let what =
-                    format!("a picture of {} cannot be compared with one of {}", a.encoding(), b.encoding());
+                    format!("the encodings `{}` and `{}` cannot be compared", a.encoding(), b.encoding());
                 return Err(NodeError::new(what).at("reference"));
             }
             let (of_a, of_b) = (a.size().2, b.size().2);
             if of_a != of_b {
-                let what = format!("data of {of_a} channels cannot be compared with data of {of_b}");
-                let hint = "`layer` of `load-image` picks channels of an OpenEXR";
+                let what = format!("data with {of_a} channels cannot be compared with data with {of_b}");
+                let hint = "select the channels of an OpenEXR file with `layer` of `load-image`";
                 return Err(NodeError::new(what).at("reference").hint(hint));
             }
             let (mut a, mut b) = (plain(a), plain(b));

@@ -231,7 +231,7 @@ impl Kind for Composite {
         }
         let mut notes = Notes::none();
         if broken > 0 {
-            notes.warning("not-finite", format!("{broken} samples were not finite and are black"));
+            notes.warning("not-finite", format!("samples that were not finite are black (count: {broken})"));
         }
         if let Some(most) = blurs.iter().copied().reduce(f64::max) {
             let least = blurs.iter().copied().fold(most, f64::min);

@@ -96,7 +96,7 @@ impl Kind for FitLights {
             let what = "the environment has no point of capture, so it cannot be compared with the place";
             return Err(NodeError::from(Error::Mismatch(what.to_owned()))
                 .at("env")
-                .hint("set `origin` in the node that loads it"));
+                .hint("set `origin` in the node that loads the environment"));
         };
         if splats.is_none() && receiver.colours.is_empty() {
             let what = "the mesh has no vertex colours";

@@ -160,7 +160,7 @@ impl Lights {
         }
         if short > 0 {
             let text = format!(
-                "{short} lights are barely clipped and get less light than predicted; a lower `threshold` gives them all of the predicted light"
+                "barely clipped lights get less light than predicted (count: {short}); a lower `threshold` gives them all of the predicted light"
             );
             notes.warning("flux-held-back", text);
         }

@@ -152,7 +152,7 @@ impl Kind for FuseHdr {
             lights.record("exposures", |at| shown[at]);
         }
         if params.gain == Gain::Brackets && brackets.evs.is_empty() {
-            let text = "the prediction has no exposures (`evs` is empty), so the panorama is kept; `gain: Direct` needs none";
+            let text = "the prediction has no exposures (`evs` is empty), so the panorama is kept; `gain: Direct` needs no exposures";
             notes.warning("no-exposures", text);
         } else {
             lights.report_unused(params.threshold, &pixels, &brackets.log2_gain.samples, &mut notes);
@@ -187,8 +187,9 @@ impl Kind for FuseHdr {
         }
         let saturated = fused.iter().filter(|fused| fused.saturated).count() as u64;
         if saturated > 0 {
-            let text =
-                format!("{saturated} pixels are white in the darkest exposure; their light is a lower bound");
+            let text = format!(
+                "the light of pixels that are white in the darkest exposure is a lower bound (count: {saturated})"
+            );
             notes.warning("saturated-at-darkest", text);
         }
         cx.check()?;

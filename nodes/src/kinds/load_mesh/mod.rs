@@ -161,7 +161,7 @@ impl Kind for LoadMesh {
             ColourEncoding::Auto if !raw.colours.is_empty() => {
                 let srgb = !of_gltf || raw.by_trimesh;
                 let word = if srgb { "sRGB" } else { "linear" };
-                notes.decision("colour-encoding", format!("vertex colours are taken to be {word}"));
+                notes.decision("colour-encoding", format!("vertex colours are assumed to be {word}"));
                 srgb
             }
             other => other == ColourEncoding::Srgb,
@@ -225,10 +225,10 @@ fn clean(name: &str, raw: RawMesh, srgb: bool, cx: &Context, notes: &mut Notes) 
     let n = raw.positions.len();
     let range = Range::of_floats(raw.colours.as_flattened().iter().copied());
     if range.guessed {
-        notes.decision("colour-range", format!("vertex colours are taken to be {}", range.words()));
+        notes.decision("colour-range", format!("vertex colours are assumed to be {}", range.words()));
     }
     if let Some(bad) = raw.triangles.iter().position(|t| t.iter().any(|&v| v as usize >= n)) {
-        let what = format!("triangle {bad} refers to a vertex beyond the {n} vertices");
+        let what = format!("triangle {bad} refers to a vertex that does not exist (number of vertices: {n})");
         return Err(Error::format(name, what).into());
     }
     let (mut mesh, mut renamed) = (Mesh::default(), Vec::with_capacity(n));
@@ -289,7 +289,7 @@ fn clean(name: &str, raw: RawMesh, srgb: bool, cx: &Context, notes: &mut Notes) 
     if mesh.colours.is_empty() {
         notes.warning(
             "no-vertex-colours",
-            "the mesh has no vertex colours: as a receiver it is grey, albedo 0.5",
+            "the mesh has no vertex colours, so as a receiver it is grey with an albedo of 0.5",
         );
     }
     Ok(mesh)

@@ -145,7 +145,7 @@ pub(crate) fn report_views(
     let most = params.most();
     let broken: u64 = views.iter().map(|view| view.broken).sum();
     if broken > 0 {
-        notes.warning("not-finite", format!("samples that were not finite and count as black: {broken}"));
+        notes.warning("not-finite", format!("samples that were not finite count as black (count: {broken})"));
     }
     report_variance(most, views.iter().map(|view| view.beyond).sum(), notes);
     // A coarse preview may miss small objects.
@@ -337,9 +337,9 @@ fn report_variance(samples: u32, beyond: u64, notes: &mut Notes) {
         notes.warning("no-variance", text);
     }
     if beyond > 0 {
-        let text = "values of `variance` that were clamped to the range of single precision";
+        let text = "values of `variance` were clamped to the range of single precision";
         let hint = "scale the environment to a radiance closer to 1";
-        notes.warning("variance-range", format!("{text}: {beyond}; {hint}"));
+        notes.warning("variance-range", format!("{text} (count: {beyond}); {hint}"));
     }
 }
 
@@ -369,7 +369,7 @@ pub(crate) fn report_plan(view: &str, reached: &ReachedError, most: u32, notes: 
         let ratio = worst / asked;
         let mut hint = match round_up(f64::from(most) * ratio * ratio) {
             needed if needed <= MOST_SAMPLES => format!("set `samples` to about {needed}"),
-            _ => "the target needs more `samples` than the maximum".to_owned(),
+            _ => "the target error needs more samples than the largest value of `samples`".to_owned(),
         };
         if worst <= LARGEST_ERROR {
             hint.push_str(&format!("; alternatively, set `max_error` to {worst:.2e}"));

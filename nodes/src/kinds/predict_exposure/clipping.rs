@@ -194,7 +194,10 @@ fn learned(
 ) -> Result<Option<network::Network>, NodeError> {
     if !matches!(params.method, Method::Learned) {
         if let Some(file) = &params.weights {
-            let text = format!("`{}` is ignored: `weights` belong to `method: Learned`", file.0);
+            let text = format!(
+                "the weights file `{}` is ignored, since only `method: Learned` uses `weights`",
+                file.0
+            );
             notes.warning("weights-unused", text);
         }
         return Ok(None);

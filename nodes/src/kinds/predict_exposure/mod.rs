@@ -307,7 +307,7 @@ fn report_unseen(pixels: &LinearPixels, alpha: &[f32], white: f32, notes: &mut N
     let count = pixels.rgb.iter().zip(alpha).filter(unseen).count();
     if pixels.ceiling && count > 0 {
         let text = format!(
-            "{count} white pixels are more than half transparent; they do not count as clipped and are not changed"
+            "white pixels that are more than half transparent do not count as clipped and are not changed (count: {count})"
         );
         notes.decision("white-unseen", text);
     }
@@ -335,13 +335,13 @@ fn report_nothing_clipped(
     let brightest = seen.map(|(rgb, _)| max3(*rgb)).fold(0.0, f32::max);
     let why = if pixels.ceiling {
         format!(
-            "no pixel is clipped: the brightest pixel reaches {brightest:.3} of white, and pixels count as clipped from `white` = {}",
+            "no pixel is clipped: the brightest pixel reaches {brightest:.3} of white, but only pixels of at least `white` = {} count as clipped",
             params.white
         )
     } else {
         let equal = pixels.rgb.iter().filter(|rgb| max3(**rgb) == brightest).count();
         format!(
-            "the panorama contains light above white, so none of its pixels counts as clipped; the brightest light, in {equal} pixels, is {brightest:.3}"
+            "the panorama contains light above white, so none of its pixels counts as clipped; the brightest value is {brightest:.3} (pixels with this value: {equal})"
         )
     };
     if let Method::Manual { emitters } = &params.method

@@ -193,16 +193,16 @@ fn none_near(reach: f64, below: f64, nearest: Option<f64>) -> NodeError {
             let enough = ((by * 100.0).round() + 1.0) / 100.0;
             let side = side(height, ["above", "below"]);
             (
-                format!("the nearest is {by:.2} m {side} the foot"),
+                format!("the nearest ground is {by:.2} m {side} the foot"),
                 format!("move the pose {up} by {by:.2} m, or raise `reach_metres` to {enough:.2}"),
             )
         }
         None => (
-            format!("there is no ground within {FAR} m either"),
-            "move the pose to where there is ground above or below it".to_owned(),
+            format!("there is no ground within {FAR} m"),
+            "move the pose to a position with ground above or below it".to_owned(),
         ),
     };
-    NodeError::new(format!("no ground within {reach} m of the object's foot{foot}: {what}"))
+    NodeError::new(format!("there is no ground within {reach} m of the object's foot{foot}; {what}"))
         .at("pose")
         .hint(hint)
 }

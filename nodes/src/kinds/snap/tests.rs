@@ -45,7 +45,7 @@ fn objects_come_to_stand_from_above_and_below() {
     let error = run(Some(plane(0.75, 0.0)), None, 2.0, false).map(|_| ()).expect_err("too far");
     assert!(error.message().contains("0.5 m"), "{error}");
     let reported = format!("{error:?}");
-    assert!(reported.contains("the nearest is 1.25 m below the foot"), "{reported}");
+    assert!(reported.contains("the nearest ground is 1.25 m below the foot"), "{reported}");
     assert!(reported.contains("down by 1.25 m, or raise `reach_metres` to 1.26"), "{reported}");
     let error = run(Some(plane(0.0, 1.2)), None, 0.2, false).map(|_| ()).expect_err("too steep");
     assert!(error.message().contains("steeper than 45 degrees"), "{error}");

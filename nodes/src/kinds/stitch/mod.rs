@@ -290,7 +290,7 @@ impl Kind for Stitch {
                     .hint("all views of a panorama need the same position: use `CubeRig`"));
             }
             if view.colour.encoding() != first.colour.encoding() {
-                return Err(NodeError::new("the views differ in encoding").at("views"));
+                return Err(NodeError::new("the views have different encodings").at("views"));
             }
         }
         let encoded = matches!(first.colour, Picture::Srgb(_));

@@ -66,7 +66,8 @@ impl Lpips {
             let name = if weights.has(&published) { published } else { format!("lin{k}.weight") };
             let (shape, heads) = weights.tensor(&name)?;
             if heads.len() != inputs {
-                let what = format!("tensor `{name}` has shape {shape:?}, but {inputs} channels are expected");
+                let what =
+                    format!("tensor `{name}` has shape {shape:?}, but the layer has {inputs} channels");
                 return Err(Error::format(file, what));
             }
             stages.push(Stage { pooled, convs, heads });

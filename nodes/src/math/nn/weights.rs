@@ -64,7 +64,11 @@ impl<'a> Weights<'a> {
         let bias_name = format!("{name}.bias");
         let bias = if self.has(&bias_name) { self.tensor(&bias_name)?.1 } else { Vec::new() };
         if !bias.is_empty() && bias.len() != shape[0] {
-            let what = format!("tensor `{bias_name}` has {} values for {} channels", bias.len(), shape[0]);
+            let what = format!(
+                "tensor `{bias_name}` has {} values, but `{weight_name}` has {} output channels",
+                bias.len(),
+                shape[0]
+            );
             return Err(Error::format(self.file, what));
         }
         Ok(Conv { shape, weight, bias, stride, padding })
