@@ -187,7 +187,7 @@ fn fill_holes(
     let lost = open.iter().filter(|at| pixels[**at][..3].iter().any(|v| *v > 0.0)).count();
     if lost > 0 {
         let text = format!(
-            "the light of {lost} transparent pixels is ignored, since transparent pixels are filled as holes; to keep this light, save the file without alpha"
+            "the light of transparent pixels is ignored, since they are filled as holes (count: {lost}); to keep this light, save the file without alpha"
         );
         notes.warning("light-in-holes", text);
     }

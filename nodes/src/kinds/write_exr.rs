@@ -254,10 +254,8 @@ fn add_layer(
         (3, _) => &["R", "G", "B"],
         (4, _) => &["R", "G", "B", "A"],
         _ => {
-            return Err(NodeError::new(format!(
-                "layer `{name}` has {channels} channels; a layer needs 1 to 4"
-            ))
-            .at("layers"));
+            return Err(NodeError::new(format!("layer `{name}` needs 1 to 4 channels, but has {channels}"))
+                .at("layers"));
         }
     };
     let decodes = p.decodes(picture);

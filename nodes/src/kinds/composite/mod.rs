@@ -207,7 +207,7 @@ impl Kind for Composite {
             };
             if let Some((_, _, channels)) = variance.map(Picture::size).filter(|size| size.2 != 4) {
                 let error =
-                    NodeError::new(format!("`variance` has {channels} channels; it needs 4")).at("variance");
+                    NodeError::new(format!("`variance` needs 4 channels, but has {channels}")).at("variance");
                 return Err(error.hint("wire the output `variance` of a `path-trace` node"));
             }
             let (mut shadow, mut added) = (data(&inputs.shadow, "shadow")?, data(&inputs.added, "added")?);
@@ -253,7 +253,7 @@ fn factors(picture: &Picture, port: &'static str) -> Result<Image<Linear>, NodeE
             let samples = picture.samples().iter().flat_map(|&v| [v; 3]).collect();
             Ok(Image::from_samples(width, height, 3, samples))
         }
-        _ => Err(NodeError::new(format!("`{port}` has {channels} channels; it needs 1 or 3")).at(port)),
+        _ => Err(NodeError::new(format!("`{port}` needs 1 or 3 channels, but has {channels}")).at(port)),
     }
 }
 

@@ -144,7 +144,7 @@ fn guide<'a>(
     if picture.size().2 == channels {
         return Ok(picture);
     }
-    let what = format!("`{port}` has {} channels; it needs {channels}", picture.size().2);
+    let what = format!("`{port}` needs {channels} channels, but has {}", picture.size().2);
     Err(NodeError::new(what)
         .at(port)
         .hint("wire every input to the output of the same name of a single `path-trace` node"))

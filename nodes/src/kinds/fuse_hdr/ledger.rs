@@ -86,7 +86,7 @@ impl Lights {
         let all: f64 = (0..pixels.rgb.len()).map(own).sum();
         if lost > UNUSED * all {
             let text = format!(
-                "the exposures are darker than the panorama in {} pixels above `threshold`, which removes {:.1} % of the panorama's power; `blend: Ramp` removes no light",
+                "the exposures are darker than the panorama at pixels above `threshold` (count: {}), which removes {:.1} % of the panorama's power; `blend: Ramp` removes no light",
                 self.darker.len(),
                 100.0 * lost / all
             );
@@ -120,12 +120,12 @@ impl Lights {
                 0 => String::new(),
                 _ if !pixels.ceiling => String::new(),
                 n => format!(
-                    "; {n} clipped pixels get no light; check that the prediction was made for `base`"
+                    "; clipped pixels get no light (count: {n}); check that the prediction was made for `base`"
                 ),
             };
             notes.warning(
                 "prediction-unused",
-                format!("{percent:.1} % of the predicted light belongs to {count} pixels below `threshold` and is left out; `threshold` should be below `white` of the prediction{without}"),
+                format!("{percent:.1} % of the predicted light belongs to pixels below `threshold` (count: {count}) and is left out; `threshold` should be below `white` of the prediction{without}"),
             );
         }
     }

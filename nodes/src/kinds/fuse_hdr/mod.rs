@@ -266,7 +266,10 @@ fn by_own_curve(
 
 fn report_broken(pixels: &LinearPixels, notes: &mut Notes) {
     if pixels.broken > 0 {
-        notes.warning("not-finite", format!("{} samples are not finite and count as black", pixels.broken));
+        notes.warning(
+            "not-finite",
+            format!("samples that are not finite count as black (count: {})", pixels.broken),
+        );
     }
     notes.count("below-zero", pixels.negative, "samples below 0 count as black");
 }

@@ -195,9 +195,9 @@ impl Kind for LoadCameras {
             .collect();
         if !tiny.is_empty() {
             let text = format!(
-                "lens distortion of {} cameras moves no point by more than {:.1e} px and is ignored",
-                tiny.len(),
-                tiny.iter().copied().fold(0.0, f64::max)
+                "lens distortion that moves no point by more than {:.1e} px is ignored (cameras: {})",
+                tiny.iter().copied().fold(0.0, f64::max),
+                tiny.len()
             );
             notes.decision("distortion-invisible", text);
         }

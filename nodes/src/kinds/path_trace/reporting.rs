@@ -106,8 +106,7 @@ pub(crate) fn report_unseen_places(receiver: &Receiver, eye: Vec3, boxes: &[Aabb
 
 /// Reports problems of the point of capture.
 pub(crate) fn report_capture(fault: Option<CaptureFault>, metres_per_unit: f64, notes: &mut Notes) {
-    let hint =
-        "check that `origin` (or `at` of `cube-rig`) is where the panorama was captured, in world units";
+    let hint = "check that `origin` (or `at` of `cube-rig`) is the point where the panorama was captured, in world units";
     match fault {
         None => {}
         Some(CaptureFault::Raised(raised)) => {

@@ -281,7 +281,7 @@ fn clipped_light(pano: &Panorama, notes: &mut Notes) -> Result<LinearPixels, Nod
     }
     let (width, height, channels) = pano.image.size();
     if channels != 3 || width == 0 || height == 0 || pano.alpha.samples.len() != width * height {
-        return Err(Error::Mismatch(format!("the panorama has {width}x{height} pixels of {channels} channels; it needs 3 channels and an alpha for each pixel")).into());
+        return Err(Error::Mismatch(format!("the panorama needs 3 channels and an alpha value for each pixel, but has {width}x{height} pixels (channels: {channels})")).into());
     }
     let mut pixels = linear_pixels(&pano.image, Transfer::Srgb);
     if matches!(pano.image, Picture::Srgb(_)) {
@@ -290,7 +290,10 @@ fn clipped_light(pano: &Panorama, notes: &mut Notes) -> Result<LinearPixels, Nod
         }
     }
     if pixels.broken > 0 {
-        notes.warning("not-finite", format!("{} samples are not finite and count as black", pixels.broken));
+        notes.warning(
+            "not-finite",
+            format!("samples that are not finite count as black (count: {})", pixels.broken),
+        );
     }
     Ok(pixels)
 }
@@ -348,7 +351,7 @@ fn report_nothing_clipped(
         && !emitters.is_empty()
         && !exhaustive
     {
-        let text = format!("none of the {} given lights has an effect: {why}", emitters.len());
+        let text = format!("the given lights (count: {}) have no effect: {why}", emitters.len());
         notes.warning(
             "nothing-to-light",
             format!("{text}; a lower `white` lets more pixels count as clipped"),

@@ -157,7 +157,7 @@ impl Kind for Snap {
         }
         let millimetres = |v: f64| v * cx.metres_per_unit() * 1e3;
         let text = format!(
-            "moved by {:+.1} mm (positive: up) to ground that is {:.1} mm rough and has the normal ({:.3}, {:.3}, {:.3})",
+            "the object was moved by {:+.1} mm (positive: up), to ground with a roughness of {:.1} mm and the normal ({:.3}, {:.3}, {:.3})",
             millimetres(height),
             millimetres(level.roughness),
             normal.x,

@@ -86,7 +86,7 @@ impl Source {
         };
         if channels != 4 || width == 0 || height == 0 {
             let what = format!(
-                "view `{}` has {width}x{height} pixels of {channels} channels; it needs at least 1x1 pixels of 4 channels",
+                "view `{}` needs at least 1x1 pixels and 4 channels, but has {width}x{height} pixels (channels: {channels})",
                 view.camera.name
             );
             return Err(NodeError::new(what).at("views"));
