@@ -30,8 +30,8 @@ engine::inputs! {
         rig: Arc<Rig>,
         /// Objects to be lit.
         objects: Vec<Arc<Placed>>,
-        /// Coarse panorama of the same light. Its pixels can make a light appear up to half a pixel wider, so this
-        /// width is subtracted.
+        /// Coarse panorama of the same light. Its pixels can make a light appear up to half a pixel wider, so half
+        /// a pixel is subtracted from the width of each light.
         look: Arc<Environment>,
     }
 }

@@ -58,8 +58,8 @@ engine::outputs! {
         pano: Arc<Panorama>,
         /// Colours of the panorama, for `write-image`.
         image: Arc<Images>,
-        /// Light of the panorama before clipping by `photograph_ev`, at the same exposure: the reference for
-        /// `score-env`.
+        /// Light of the panorama at the same exposure, without the clipping by `photograph_ev`. It can serve as the
+        /// reference for `score-env`.
         env: Arc<Environment>,
     }
 }

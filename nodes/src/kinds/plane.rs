@@ -127,7 +127,8 @@ impl Kind for Plane {
     }
 }
 
-/// Colours of the corners, row by row, seen from straight above. `None` if there are no splats.
+/// Colours of the corners of the squares, row by row, seen from straight above. Empty if no splat lies near the
+/// plane.
 fn colours(
     splats: &Splats,
     [right, forward, up]: [DVec3; 3],

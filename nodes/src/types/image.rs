@@ -186,7 +186,7 @@ impl Images {
     }
 
     /// Returns the picture of the view `name`. If no picture has this name and the set contains only one picture,
-    /// that picture is returned.
+    /// that picture is returned. `None` if neither applies.
     pub fn view(&self, name: &str) -> Option<&Picture> {
         let named = self.0.iter().find(|image| image.name == name);
         named.or(if self.0.len() == 1 { self.0.first() } else { None }).map(|image| &image.picture)

@@ -97,7 +97,7 @@ pub(crate) fn chosen(wishes: &[Pick], names: &[String], pictures: &[&str]) -> Re
     Ok(chosen)
 }
 
-/// Parses a range such as `2..5`, `2..` or `0..400..8` to (start, end, step).
+/// Parses a range such as `2..5`, `2..` or `0..400..8` to (start, end, step). `None` if the text is not a range.
 fn range(wish: &str) -> Option<(usize, usize, usize)> {
     let parts: Vec<&str> = wish.split("..").collect();
     let (start, end, step) = match parts[..] {

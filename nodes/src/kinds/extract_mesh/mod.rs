@@ -24,7 +24,7 @@ engine::params! {
     /// it.
     ///
     /// The splats are rendered from many places in empty space. The search for these places starts at `around` and
-    /// `cameras`, and adds places that earlier views have seen to be empty; further views show the surroundings of
+    /// `cameras`, and adds places that earlier views show to be empty; further views show the surroundings of
     /// `around` from above. The depths of all views (`RayMedian` of `splat-render`) are fused into distances to the
     /// surface, in cells that are fine near `around` and coarser farther away. The mesh has holes where no view
     /// sees the scene, and it ends at `reach_metres`, so it contains neither sky nor backdrop. Its colours are the
@@ -68,7 +68,7 @@ engine::outputs! {
     pub struct Out {
         /// The mesh.
         mesh: Arc<Mesh>,
-        /// Counts from the extraction, and how well the mesh fits the splats.
+        /// Counts from the extraction, and measures of the agreement between the mesh and the splats.
         report: Arc<Report>,
     }
 }

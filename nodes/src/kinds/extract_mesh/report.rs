@@ -1,4 +1,5 @@
-//! The report of `extract-mesh`: counts, the ground around the focus, and how the mesh fits each camera.
+//! The report of `extract-mesh`: counts, the ground around the focus, and the agreement between the mesh and the
+//! splats in each camera.
 
 use engine::{Context, NodeError};
 use glam::{DVec3, Vec3};

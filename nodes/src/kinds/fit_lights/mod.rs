@@ -47,7 +47,7 @@ engine::params! {
 engine::inputs! {
     /// Inputs of `fit-lights`.
     pub struct In {
-        /// The recovered light, with the point that it was captured at.
+        /// The recovered light, with its point of capture.
         env: Arc<Environment>,
         /// The mesh of the place; its vertex colours are used if `splats` is not wired.
         receiver: Arc<Mesh>,

@@ -84,7 +84,7 @@ impl Verdict {
                 "nothing above the horizon is clipped, or too few surface points can be compared"
             }
             Self::Unexplained => {
-                "no direction of the sun explains the colours of the place better than light without a sun"
+                "no direction of a sun explains the colours of the place better than light without a sun"
             }
             Self::Ambiguous => "several directions explain the colours of the place about equally well",
             Self::Hidden => "the sun found from the shadows does not light the point of capture",

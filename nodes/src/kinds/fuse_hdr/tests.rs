@@ -483,7 +483,7 @@ fn one_exposure_is_the_light() {
     }
 }
 
-/// A display value of 0.5 is 0.189 by the power curve and 0.214 by sRGB.
+/// A display value of 0.5 is decoded to 0.189 with the power curve, and to 0.214 with sRGB.
 #[test]
 fn transfers_differ_as_published() {
     assert!((Transfer::Gamma24.linear(0.5) - 0.1895).abs() < 1e-4);

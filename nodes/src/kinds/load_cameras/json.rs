@@ -148,8 +148,8 @@ fn level<'a>(top: &'a Value, frame: &'a Value, keys: &[&str]) -> &'a Value {
 const OTHER_LENSES: [&str; 5] =
     ["latlong", "equirectangular", "orthographic", "ftheta_p0", "is_equirectangular"];
 
-/// Focal length along an axis, in pixels. The file gives it as a length, or as a field of view in radians or
-/// in degrees.
+/// Focal length along an axis, in pixels. The file gives it as a length, or as a field of view in radians or in
+/// degrees. `None` if the file gives none of these.
 fn focal(holder: &Value, [length, radians, degrees]: [&str; 3], size: u64) -> Option<f64> {
     let by_angle = |angle: f64| size as f64 / 2.0 / num::f64::tan(angle / 2.0);
     let angle = || holder[radians].as_f64().or_else(|| Some(holder[degrees].as_f64()?.to_radians()));

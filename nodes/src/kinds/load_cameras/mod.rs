@@ -289,8 +289,9 @@ fn unknown(path: &InputFile) -> NodeError {
         .hint("a COLMAP model has `cameras.bin` and `images.bin`, or both as `.txt`")
 }
 
-/// The file `dataparser_transforms.json` in the folder of the cameras file, if the parameter `dataparser` is not
-/// set. Nerfstudio's `camera_path.json` is in the coordinates of the splats and does not need it.
+/// The file `dataparser_transforms.json` in the folder of a `transforms.json`. `None` if there is no such file, if
+/// the parameter `dataparser` is set, or for any other cameras file. Nerfstudio's `camera_path.json` is already in
+/// the coordinates of the splats.
 fn unused_dataparser(p: &LoadCameras, root: &SourceRoot) -> Option<SourceFile> {
     let needs =
         p.dataparser.is_none() && is_json(&p.path) && p.path.0.to_lowercase().ends_with("transforms.json");
@@ -435,8 +436,8 @@ fn finish(p: &LoadCameras, raw: &Raw, name: String, notes: &mut Notes) -> Result
     })
 }
 
-/// The rotation nearest to a matrix that differs from a rotation only by rounding. It is computed by Newton's
-/// iteration for the polar factor, which squares the error in each step.
+/// The rotation nearest to a matrix; `None` if the matrix differs from a rotation by more than rounding. Newton's
+/// iteration for the polar factor squares the error in each step.
 fn orthonormal(mut m: DMat3) -> Option<DMat3> {
     let off = m.transpose() * m - DMat3::IDENTITY;
     // Files have at least 5 digits; a scale or a mirror image is far beyond this.
@@ -450,7 +451,8 @@ fn orthonormal(mut m: DMat3) -> Option<DMat3> {
     Some(m)
 }
 
-/// Camera pose, from COLMAP's rotation (a quaternion) and translation, which map from world to camera.
+/// Camera pose, from COLMAP's rotation (a quaternion) and translation, which map from world to camera. `None` if
+/// the quaternion has no direction.
 fn from_colmap(q: [f64; 4], t: [f64; 3]) -> Option<DMat4> {
     let [w, x, y, z] = q;
     let length = (w * w + x * x + y * y + z * z).sqrt();

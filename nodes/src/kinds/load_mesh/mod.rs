@@ -225,7 +225,7 @@ fn clean(name: &str, raw: RawMesh, srgb: bool, cx: &Context, notes: &mut Notes) 
     let n = raw.positions.len();
     let range = Range::of_floats(raw.colours.as_flattened().iter().copied());
     if range.guessed {
-        notes.decision("colour-range", format!("vertex colours are assumed to be {}", range.words()));
+        notes.decision("colour-range", format!("vertex colours are assumed to range {}", range.words()));
     }
     if let Some(bad) = raw.triangles.iter().position(|t| t.iter().any(|&v| v as usize >= n)) {
         let what = format!("triangle {bad} refers to a vertex that does not exist (number of vertices: {n})");

@@ -70,6 +70,7 @@ fn colour_corners(raw: &mut RawMesh, of_triangles: &[[f64; 3]]) {
 }
 
 /// Indices of the colour properties of an element, and the factor that scales their largest possible value to 1.
+/// `None` if the element has no colours.
 fn colours(element: &ply::Element) -> Option<([usize; 3], f64)> {
     let names = [["red", "green", "blue"], ["diffuse_red", "diffuse_green", "diffuse_blue"], ["r", "g", "b"]];
     let found = names.iter().find_map(|names| {
