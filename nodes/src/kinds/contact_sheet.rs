@@ -161,7 +161,9 @@ mod tests {
         let display = Images::single("photo", Image::<Srgb>::new(1, 1, 3));
         let why = sheet(0, 0, vec![plain(1, 1, 1.0), display]).err().unwrap_or_default();
         assert!(
-            why.contains("`v` has data values and 1 channels, `photo` has srgb values and 3 channels"),
+            why.contains(
+                "`v` has the encoding `data` (channels: 1), but `photo` has the encoding `srgb` (channels: 3)"
+            ),
             "{why}"
         );
         assert!(sheet(0, 0, vec![]).is_err());

@@ -33,7 +33,7 @@ engine::inputs! {
     pub struct In {
         /// Position of the middle of the rectangle, and its rotation.
         at: Arc<Pose>,
-        /// The scene whose colours the rectangle takes.
+        /// The scene from which the rectangle takes its colours. Without it, the rectangle has no colours.
         splats: Option<Arc<Splats>>,
     }
 }

@@ -425,7 +425,7 @@ mod tests {
         assert!((error(Some(reported)) - expected).abs() < 1e-6);
         assert_eq!(error(None), 0.0);
         let wrong = run(Some(data(vec![0.0; 3]))).err().expect("channels");
-        assert!(wrong.message().contains("3 channels"), "{wrong}");
+        assert!(wrong.message().contains("but has 3"), "{wrong}");
     }
 
     #[test]

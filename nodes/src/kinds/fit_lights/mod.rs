@@ -131,7 +131,7 @@ impl Kind for FitLights {
     }
 }
 
-/// Decides whether the best candidate is a sun that lights the point of the panorama.
+/// Decides whether the best candidate is accepted as a sun that lights the point of capture.
 fn judge(params: &FitLights, found: Option<&Sun>, place: &Place, origin: DVec3) -> Verdict {
     match found {
         None => Verdict::NothingToCompare,

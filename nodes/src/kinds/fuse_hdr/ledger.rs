@@ -30,7 +30,8 @@ pub(super) struct Lights {
     /// Name of each step, and the luminance of pixels after it: one list for each light, then one list for the
     /// pixels made darker, and one for the pixels left unchanged.
     steps: Vec<(&'static str, Vec<Vec<f64>>)>,
-    /// Index of the first step with an added sky, and the pixels of the sky with their luminance.
+    /// Index of the first step with an added sky, and the pixels of the sky with their luminance. `None` if no sky
+    /// was added.
     sky: Option<(usize, Vec<(usize, f64)>)>,
 }
 

@@ -11,8 +11,8 @@ use crate::error::Error;
 use crate::io::foreign::{json_text, refuse_foreign};
 use crate::math::num;
 
-/// Function that returns the width and height of a frame's picture, given the picture's path as written in the
-/// file.
+/// Function that returns the width and height of a picture, given its path as written in the file. `None` if the
+/// picture cannot be read.
 pub type Sizes<'a> = &'a dyn Fn(&str) -> Option<[u64; 2]>;
 
 /// Converts the separators in the path of a picture to those of this system. Exporters on Windows separate folders

@@ -35,9 +35,9 @@ pub(super) struct Clipping<'a> {
     exhaustive: bool,
     /// White level of the panorama.
     ceiling: f64,
-    /// Networks of the method `Learned`.
+    /// Networks of the method `Learned`; `None` for other methods.
     network: Option<network::Network>,
-    /// Photographs of the method `Photographs`.
+    /// Photographs of the method `Photographs`; `None` for other methods.
     pub photographs: Option<Photographs>,
 }
 

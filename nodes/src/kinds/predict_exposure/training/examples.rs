@@ -208,8 +208,8 @@ impl Course {
         place % folds
     }
 
-    /// Indices of the examples for one network: all examples with hidden light, except the examples whose location
-    /// belongs to `fold`.
+    /// Indices of the examples for one network: all examples with hidden light, except those whose location belongs
+    /// to `fold`. If `fold` is `None`, no location is excluded.
     pub fn chosen(&self, fold: Option<usize>, folds: usize) -> Vec<usize> {
         let learns = |i: &usize| {
             let ([.., hidden, _], open) = (self.raw.fluxes[*i], self.open[*i]);
