@@ -14,7 +14,7 @@ pub use crate::io::picture::FileEncoding;
 engine::params! {
     /// Loads pictures: PNG, JPEG, OpenEXR or Radiance HDR.
     ///
-    /// Integer codes become numbers from 0 to 1. Values are not converted; `encoding` declares what they mean.
+    /// Integer codes become numbers from 0 to 1. Values are not converted; `encoding` declares their meaning.
     /// Straight alpha (PNG) is premultiplied.
     pub struct LoadImage {
         /// Path of the file.

@@ -176,8 +176,8 @@ impl Kind for WriteExr {
     }
 }
 
-/// Name of each layer: from `names`, or the name of the output that the layer comes from. The layer of `image` has
-/// no name unless `names` gives one.
+/// Returns the name of each layer, which is given by `names` or is the name of the output that the layer comes
+/// from. The layer of `image` has no name unless `names` gives one.
 fn layer_names<'a>(
     p: &'a WriteExr,
     images: usize,

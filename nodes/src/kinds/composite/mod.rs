@@ -28,9 +28,9 @@ engine::params! {
     /// A pixel of the result is `(B * S + A) * (1 - M) + O` in linear light, where `B` is the background, `S` the
     /// shadow, `A` the added light, and `O` the object, premultiplied by its alpha `M`. If `front` is wired, with
     /// colour `F` and alpha `a`, a pixel is `((B - F) * S + A * (1 - a)) * (1 - M) + F + O * (1 - a)`: the
-    /// background already shows `F`, so `F` is first subtracted from `B`, limited to what `B` contains. The colours
-    /// of a splat render are un-premultiplied before they are decoded. Holes of the background show `backdrop`;
-    /// with `backdrop: None` they stay transparent.
+    /// background already shows `F`, so `F`, limited to at most `B`, is first subtracted from `B`. The colours of a
+    /// splat render are un-premultiplied before they are decoded. Holes of the background show `backdrop`; with
+    /// `backdrop: None` they stay transparent.
     pub struct Composite {
         /// Linear colour behind the holes of the background; `None` keeps the alpha channel.
         backdrop: Option<[f64; 3]> = Some([0.0; 3]), range(0.0, 1e6), other("(0.5, 0.25, 1.0)");

@@ -43,7 +43,7 @@ const LEAF: usize = 4;
 const BINS: usize = 12;
 
 impl Caster {
-    /// Builds the hierarchy. The surfaces outside a window are left out, so that rays reach the sky there.
+    /// Builds the hierarchy. Surfaces that rays do not hit, such as the view through a window, are left out.
     pub(super) fn new(quads: &[Quad]) -> Self {
         let mut triangles = Vec::with_capacity(quads.len() * 2);
         for (i, quad) in quads.iter().enumerate().filter(|(_, quad)| quad.paint.is_solid()) {

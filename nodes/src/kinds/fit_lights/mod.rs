@@ -31,8 +31,8 @@ engine::params! {
     /// receive. The light that does not come from the sun is known, because it comes from surfaces and sky that are
     /// not clipped. The comparison is robust: differences in albedo reduce its precision, but do not bias it.
     ///
-    /// If one direction explains the colours clearly better than all others, the sun is placed there with its
-    /// fitted irradiance and colour, and the clipped region around it gets the fitted glow in place of the
+    /// If one direction explains the colours clearly better than all others, the sun is placed in that direction
+    /// with its fitted irradiance and colour, and the clipped region around it gets the fitted glow in place of the
     /// predicted light. Otherwise the environment is unchanged. Clipped mesh colours count as openings, so the sun
     /// may shine through a window.
     pub struct FitLights {

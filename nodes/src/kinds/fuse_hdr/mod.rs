@@ -47,8 +47,8 @@ engine::choices! {
         Base,
         /// The colour of the brightest exposure that is not clipped at a pixel, blended with the colour of the
         /// panorama where the panorama is only partly clipped. If every exposure is clipped, it is the colour of
-        /// the panorama. This matters only for the method `Photographs`, since the exposures of other methods have
-        /// the colour of the panorama.
+        /// the panorama. This setting matters only for the method `Photographs`, since the exposures of other
+        /// methods have the colour of the panorama.
         Exposures,
     }
 }
@@ -372,8 +372,8 @@ fn apply(rgb: [f32; 3], fused: f64) -> [f32; 3] {
 }
 
 /// Colour of a pixel, at the luminance of `fused`. The colour comes from the brightest exposure that is not clipped
-/// there, since that exposure has the finest quantisation. Where the panorama is only partly clipped, it is blended
-/// with the colour of `fused`.
+/// there, since that exposure has the finest quantisation. Where the panorama is only partly clipped, this colour
+/// is blended with the colour of `fused`.
 fn recolour(params: &FuseHdr, brackets: &Brackets, base: [f32; 3], fused: [f32; 3], at: usize) -> [f32; 3] {
     let clipped = match params.blend {
         Blend::Hard if luminance(base) > params.threshold => 1.0,

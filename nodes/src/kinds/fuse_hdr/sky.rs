@@ -21,7 +21,7 @@ use crate::types::{Data, Image, Linear};
 const MOST_ALBEDO: f64 = 0.9;
 /// Minimum unseen share of the upper half, weighted by cosine, for a sky to count as missing.
 const LEAST_OPEN: f64 = 0.02;
-/// Sine of 20 degrees: directions that are farther than this below the horizon count as ground.
+/// Sine of 20 degrees. Directions more than 20 degrees below the horizon count as ground.
 const GROUND_SINE: f64 = 0.342_020_143_325_668_7;
 /// Minimum alpha of the ground pixels that are measured.
 const GROUND_ALPHA: f32 = 0.5;

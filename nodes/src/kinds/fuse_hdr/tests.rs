@@ -168,8 +168,8 @@ fn black_is_black_and_broken_samples_are_reported() {
     assert!(notes.iter().any(|n| n.id == "not-finite") && notes.iter().any(|n| n.id == "below-zero"));
 }
 
-/// Colours near black are kept bit for bit, whatever the exposures or gains, because nothing is divided
-/// there.
+/// Colours near black are kept bit for bit, whatever the exposures or gains, because values near black are never
+/// divided.
 #[test]
 fn the_darkest_values_keep_their_colour() {
     let light = |at: usize| {

@@ -15,8 +15,8 @@ use crate::math::num;
 /// picture cannot be read.
 pub type Sizes<'a> = &'a dyn Fn(&str) -> Option<[u64; 2]>;
 
-/// Converts the separators in the path of a picture to those of this system. Exporters on Windows separate folders
-/// with backslashes.
+/// Converts the backslashes in the path of a picture to slashes, since exporters on Windows write backslashes, and
+/// removes a leading `./`.
 pub fn picture_path(path: &str) -> String {
     let path = path.replace('\\', "/");
     path.strip_prefix("./").map(str::to_owned).unwrap_or(path)

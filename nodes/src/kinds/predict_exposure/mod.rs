@@ -77,7 +77,8 @@ engine::outputs! {
         brackets: Arc<Brackets>,
         /// The exposures as pictures, one view each, with names such as `ev_-6`.
         exposures: Arc<Images>,
-        /// The regions, and the light of the panorama before and after the prediction: in total and for each light.
+        /// The regions, and the energy of the panorama before and after the prediction, in total and for each light
+        /// source.
         report: Arc<Report>,
     }
 }

@@ -52,8 +52,8 @@ engine::outputs! {
         image: Arc<Images>,
         /// Coverage of each pixel, 0 to 1.
         alpha: Arc<Images>,
-        /// The light of the views, of the panorama, and of the panorama with filled holes: in total and for each
-        /// light.
+        /// The energy of the views, of the panorama, and of the panorama with filled holes, in total and for each
+        /// light source.
         report: Arc<Report>,
     }
 }

@@ -325,8 +325,9 @@ fn choices_follow_the_light_of_a_place() {
     }
 }
 
-/// White furnace: in a white room under uniform light objects change nothing, seen directly or in a mirror, since a
-/// cube reflects as much light to the floor as it blocks. This test fails if `objects_beyond` returns 0.
+/// In a white room under uniform light (a white furnace), objects change nothing, whether the room is seen directly
+/// or in a mirror. A cube reflects as much light to the floor as it blocks. This test fails if `objects_beyond`
+/// returns 0.
 #[test]
 fn a_white_room_stays_white_in_a_mirror() {
     let mut env = white();

@@ -11,7 +11,8 @@ use crate::light::linear::LinearPixels;
 use crate::math::color::{linear_from_srgb, luminance};
 use crate::math::num;
 
-/// Maximum number of passes: from EV 0 to EV -24, the darkest exposure that can be requested.
+/// Maximum number of passes. Eight passes of three stops lead from EV 0 to EV -24, the darkest exposure that can be
+/// requested.
 const MAX_PASSES: f64 = 8.0;
 
 impl Kontext<'_> {

@@ -7,8 +7,8 @@ use crate::math::num;
 
 /// Slope of the activation (leaky ReLU) below 0.
 const LEAK: f32 = 0.1;
-/// Largest absolute values of scaled features, in standard deviations: for features of the whole panorama, and for
-/// features of a cell. Larger values are clamped.
+/// Largest absolute value of a scaled feature of a panorama, and of a scaled feature of a cell, in standard
+/// deviations. Larger values are clamped.
 pub(in super::super) const LIMITS: [f32; 2] = [3.0, 4.0];
 /// Largest absolute value of log2 of the ratio of hidden to visible light. Larger values are clamped.
 pub(in super::super) const AMOUNT: f64 = 8.0;

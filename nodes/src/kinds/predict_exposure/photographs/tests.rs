@@ -139,8 +139,8 @@ fn photographs_are_turned_with_their_panorama() {
     assert_eq!(reported(&notes, "photographs-between-pixels").len(), 1);
 }
 
-/// Colours do not depend on alpha. In a hole another photograph is used. This test fails if `alpha` is not checked
-/// in `Photograph::shown`.
+/// Colours do not depend on alpha. In the hole of a photograph, another photograph is used. This test fails if
+/// `alpha` is not checked in `Photograph::shown`.
 #[test]
 fn alpha_takes_no_light() {
     let place = Place::new();
