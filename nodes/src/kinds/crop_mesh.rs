@@ -79,7 +79,7 @@ impl Kind for CropMesh {
         if left == 0 && all > 0 {
             notes.degraded(
                 "empty",
-                "no triangle of the mesh lies in the box and below `below_height`, so the mesh is empty",
+                "no triangle of the mesh is within the given limits, so the mesh is empty",
             );
         }
         Ok((Out { mesh: Arc::new(kept) }, notes))

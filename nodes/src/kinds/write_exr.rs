@@ -420,7 +420,7 @@ mod tests {
         };
         let rigs = In { image: None, layers: vec![pair("x", "y"), pair("x", "z")] };
         let Err(reported) = run(&node(&["a", "b"]), rigs) else { panic!("layers of different rigs") };
-        assert_eq!(reported.message(), "layer `b` has no view `y`; it has x, z");
+        assert_eq!(reported.message(), "layer `b` has no view `y`; its views are x, z");
         assert_eq!(reported.advice(), Some("all layers of a file must come from one rig"));
         for (p, inputs) in [
             (node(&[]), In { image: None, layers: vec![] }),
