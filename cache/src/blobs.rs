@@ -24,7 +24,7 @@ pub(crate) const SMALL: usize = 4096;
 
 const DAY: Duration = Duration::from_secs(24 * 60 * 60);
 
-/// The kind of a blob's entry in the log.
+/// Kind of the log entries that contain blobs.
 const KIND: u8 = 2;
 
 /// All blobs of a store.

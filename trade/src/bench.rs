@@ -397,8 +397,8 @@ impl<'e> Bench<'e> {
     }
 
     /// Marks pictures for which the metric cannot be computed. For example, HDR-FLIP cannot be computed for a
-    /// picture half of which is black. Marked pictures are not included in the error, but their other metrics are
-    /// reported.
+    /// picture half of which is black. Marked pictures are not included in the error, but other metrics are still
+    /// reported for them.
     fn mark_uncomputed(&mut self) -> Result<(), Miss> {
         let Some((truth, metric)) = self.truth.as_ref().zip(self.metric.clone()) else { return Ok(()) };
         let why =

@@ -56,7 +56,7 @@ pub fn presets(graph: &Graph, registry: &Registry) -> Result<[Graph; 4], Error> 
 
 /// Checks that `form`, which is `graph` with other settings, has the same nodes as `graph`, so that an index refers
 /// to the same node in both graphs. The nodes differ if a preset sets a field that varies along an axis, since this
-/// removes the axis from the nodes that depend on the field. The error is the reason.
+/// removes the axis from the nodes that depend on the field. The error says why the nodes differ.
 pub fn same_nodes(graph: &Graph, form: &Graph) -> Result<(), String> {
     let ids = |graph: &Graph| graph.nodes.iter().map(|node| node.id.clone()).collect::<Vec<_>>();
     let (all, others) = (ids(graph), ids(form));

@@ -36,8 +36,8 @@ pub(crate) struct End<'n> {
 }
 
 impl<'t, 'a> Check<'t, 'a> {
-    /// Resolves the wires of one input of a node. Adds the nodes that the wires come from to `reads`, and the axes
-    /// that each wire gathers to `gathers`.
+    /// Resolves the wires of one input of a node. Records the nodes that the wires come from in `reads`, and the
+    /// axes that each wire gathers in `gathers`.
     pub fn wires(
         &mut self,
         raw: &RawNode<'t>,

@@ -1,5 +1,5 @@
 //! The end state of the previous run in the same process. If few nodes of the graph changed, the next run inspects
-//! only the changed nodes and the nodes below them.
+//! only the changed nodes and the nodes downstream of them.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -33,8 +33,8 @@ pub(crate) struct Cone {
 }
 
 impl PreviousRun {
-    /// Keeps the end state of each node, without values. `None` for an untrusted graph, for which every run must
-    /// check the output folder for links.
+    /// Keeps the end state of each node, without values. Returns `None` for an untrusted graph, since every run of
+    /// such a graph must check the output folder for links.
     pub fn of(graph: &Graph, only: &[usize], mut slots: Vec<Slot>) -> Option<Self> {
         slots.iter_mut().for_each(Slot::rest);
         let (nodes, root) = (graph.nodes.clone(), graph.root.clone());
@@ -42,8 +42,8 @@ impl PreviousRun {
     }
 
     /// The nodes that the run must inspect. These are the needed nodes that changed, whose source files changed,
-    /// that did not succeed, or whose output files are not up to date, and all nodes below them. `None` if the two
-    /// graphs differ in anything other than individual nodes, such as the scene or the number of nodes.
+    /// that did not succeed, or whose output files are not up to date, and all nodes downstream of them. `None` if
+    /// the two graphs differ in anything other than individual nodes, such as the scene or the number of nodes.
     pub fn cone(
         &self,
         graph: &Graph,

@@ -182,8 +182,8 @@ impl Recipe {
     }
 
     /// Compares the source files of a graph made from this recipe with those in the recipe, and describes the
-    /// differences. A file may have other content, such as a texture next to a model, and a node may read more
-    /// files, fewer files, or files in another order.
+    /// differences. The content of a file may differ, for example of a texture next to a model, and a node may read
+    /// more files, fewer files, or files in another order.
     ///
     /// # Errors
     /// If a file cannot be read.
@@ -216,5 +216,5 @@ impl Recipe {
     }
 }
 
-/// Addition to an error message if there were too many files to inspect.
+/// Text appended to an error message if there were too many files to inspect.
 const CUT: &str = "(the folders of `--inputs` contain too many files to search; name smaller folders)";

@@ -40,8 +40,8 @@ pub(crate) fn with_article(described: &str) -> String {
     format!("{article}{described}")
 }
 
-/// Encloses numbers separated by commas in the brackets that the described type needs. `None` if `text` is anything
-/// else.
+/// Encloses numbers separated by commas in the brackets that the described type needs. `None` if `text` is not a
+/// list of such numbers.
 fn numbers_without_brackets(described: &str, text: &str) -> Option<String> {
     let numbers: Vec<&str> = text.split(',').map(str::trim).collect();
     let all =

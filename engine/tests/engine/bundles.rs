@@ -20,7 +20,7 @@ const NODES: &str = r#"
     r: WriteRecipe(number: ["sum"], path: "r.txt"),
 "#;
 
-/// A lab, and a graph that reads one file below its own folder and one file above it.
+/// A lab, and a graph that reads one file in a subfolder of its own folder and one file in the parent folder.
 fn lab(outer: &Path) -> (Lab, Graph) {
     let lab = Lab::on_disk();
     let folder = outer.join("project");

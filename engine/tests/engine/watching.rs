@@ -1,5 +1,5 @@
 //! Tests of watching: a graph runs again when its files change. Every step waits for the event that ends it,
-//! however long that takes.
+//! without a fixed delay.
 
 use std::path::PathBuf;
 use std::sync::Arc;

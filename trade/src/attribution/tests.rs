@@ -190,7 +190,7 @@ fn holes_are_not_touched(engine: &Engine) {
     assert!((black.1 - white.1).abs() < 0.1 * black.1, "{black:?} {white:?}");
 }
 
-/// Checks which pictures are judged. Pictures whose size is set by a knob are not judged; layers are judged only if
+/// Checks which pictures are judged. Pictures whose size is set by a knob are not judged. Layers are judged only if
 /// there are no other pictures.
 fn what_is_judged(engine: &Engine) {
     let save = "save:   WriteImage(image: \"final\", path: \"final.png\")";

@@ -93,7 +93,8 @@ impl<'a> Run<'a> {
         Ok(bytes)
     }
 
-    /// Total size of the values that a node reads, in bytes. Each value is counted once.
+    /// Total size of the values that a node reads, in bytes. A value that is read through several wires is counted
+    /// once.
     fn input_bytes(&self, index: usize) -> u64 {
         let mut wires: Vec<Wire> = self.graph.nodes[index].inputs.iter().flatten().copied().collect();
         wires.sort_unstable_by_key(|wire| (wire.node, wire.port));

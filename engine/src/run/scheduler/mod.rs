@@ -80,7 +80,7 @@ pub(crate) struct Run<'a> {
     scratch: Vec<u8>,
     /// The output files that sinks have claimed.
     claims: Claims,
-    /// True as long as all nodes were inspected and no file was written.
+    /// True if all nodes were inspected and no file has been written so far.
     unchanged: bool,
     /// Number of messages that threads still have to send.
     owed: usize,
@@ -112,7 +112,7 @@ impl<'a> Run<'a> {
         });
     }
 
-    /// Handles the failure to start a thread for a node: the node fails.
+    /// Marks a node as failed because no thread could be started for it.
     fn without_thread(&mut self, node: usize, is_code: bool, error: &std::io::Error) {
         let error =
             NodeError::new(format!("cannot start a thread: {error}")).hint("use fewer threads with `--jobs`");

@@ -21,7 +21,7 @@ use super::watch::Watch;
 pub struct VaeConfig {
     /// Number of channels at each of the picture sizes inside the network, starting with the full size.
     pub widths: Vec<usize>,
-    /// Number of residual blocks of the encoder at each picture size. The decoder has one more block at each size.
+    /// Number of residual blocks that the encoder has at each picture size. The decoder has one more at each size.
     pub blocks: usize,
     /// Number of channels of the latents.
     pub latents: usize,
@@ -101,8 +101,8 @@ impl VaeConfig {
 /// size.
 const LEVELS: usize = 4;
 
-/// Conversion of part names. This crate uses the names of the model's authors; a file may use the names of
-/// `diffusers`.
+/// Converts the names of parts to the names used in a file. This crate uses the names of the model's authors; a
+/// file may use the names of `diffusers`.
 struct Names {
     original: bool,
     levels: usize,
