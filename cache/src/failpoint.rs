@@ -97,9 +97,10 @@ pub(crate) const QUARANTINE_BEFORE: &str = "quarantine.before";
 pub(crate) const QUARANTINE_AFTER: &str = "quarantine.after";
 pub(crate) const LEASE_ACQUIRED: &str = "lease.acquired";
 pub(crate) const LEASE_UNLINKED: &str = "lease.unlinked";
-/// The place in a collection after all outdated records are removed and before the first blob is removed.
+/// The place in a collection after all records to be removed are removed, and before the first blob is removed.
 pub(crate) const GC_RECORDS_GONE: &str = "gc.records-gone";
-/// The place in a collection after the first blob is removed and before the other blobs are removed.
+/// The place in a collection after a blob that was stored as a separate file is removed. It is reached once per
+/// such blob.
 pub(crate) const GC_BLOB_GONE: &str = "gc.blob-gone";
 
 /// Does nothing: failpoints are disabled.

@@ -115,12 +115,12 @@ fn recipe(path: &Path) -> Result<Option<Recipe>, Error> {
     text.map(|text| Recipe::parse(&text)).transpose().map_err(named)
 }
 
-/// Collects lines about nodes. Of the lines about the instances of one node, only the first [`Self::MOST`] are kept
-/// and the others are counted.
+/// Collects lines of text about nodes. If there are more than [`Self::MOST`] lines about the instances of one node,
+/// the further lines are only counted.
 #[derive(Default)]
 struct Lines {
     text: String,
-    /// Name of the node that the last lines are about.
+    /// Name of the node to which the most recent lines refer.
     node: String,
     count: usize,
 }

@@ -26,8 +26,8 @@ pub struct Explain {
 }
 
 impl Explain {
-    /// Prints the first causes, each node between these causes and the requested node, and the time and memory of
-    /// the last run of the requested node.
+    /// Prints the first causes, the nodes between these causes and the requested node, and the time and memory that
+    /// the requested node took in its last run.
     pub fn run(self) -> Result<u8, Error> {
         let loaded = self.graph.load()?;
         let graph = &loaded.graph;

@@ -41,7 +41,7 @@ pub enum When {
 }
 
 impl EngineArgs {
-    /// Bytes of memory for values; 0 for the default of the engine.
+    /// Memory limit for values in bytes; 0 selects the default of the engine.
     pub fn memory(&self) -> Result<u64, Error> {
         self.memory.as_deref().map_or(Ok(0), size)
     }
@@ -67,7 +67,7 @@ impl EngineArgs {
         Ok(Engine::new(store, self.jobs(), memory))
     }
 
-    /// Number of threads; 0 for the default of the engine.
+    /// Number of threads; 0 selects the default of the engine.
     pub fn jobs(&self) -> usize {
         self.jobs.map_or(0, usize::from)
     }

@@ -52,9 +52,9 @@ pub struct GraphArgs {
 pub struct Loaded {
     pub graph: Arc<Graph>,
     pub only: Vec<usize>,
-    /// The files from which the graph was read: the graph file, its includes and overlays.
+    /// The files from which the graph was read: the graph file, its includes and its overlays.
     pub texts: Vec<PathBuf>,
-    /// Path of the lock of the graph, whether or not it exists.
+    /// Path of the lock file of the graph, whether or not the file exists.
     pub lock: Option<PathBuf>,
     /// Temporary folder of an unpacked bundle.
     pub unpacked: Option<TempFolder>,
@@ -126,7 +126,8 @@ impl GraphArgs {
         })
     }
 
-    /// Updates `known` to the current text of its file; `None` if the two texts differ by more than a small edit.
+    /// Updates `known` to the current text of its file. Returns `None` if the current text differs from the text of
+    /// `known` by more than a small edit.
     fn edited(&self, known: &Arc<Graph>) -> Option<Arc<Graph>> {
         let path = self.graph.canonicalize().ok()?;
         let text = engine::read_text(&path, engine::MAX_GRAPH_BYTES).ok()?;
@@ -136,7 +137,8 @@ impl GraphArgs {
         known.reparse(text, nodes::registry)
     }
 
-    /// Checks a graph that was read, and opens an engine. For a graph with mistakes no cache is created.
+    /// Checks a graph and opens an engine. The graph is checked first, so that no cache is created for a graph with
+    /// mistakes.
     pub fn check_with(
         &self,
         origin: Origin,

@@ -96,8 +96,8 @@ impl Origin {
         )
     }
 
-    /// Opens a graph file. If it is in the folder of an unpacked bundle, it is untrusted as long as that folder
-    /// contains the marker file that `unpack` writes.
+    /// Opens a graph file. A graph file in a folder that contains the marker file of an unpacked bundle is
+    /// untrusted.
     fn own(
         mut source: Source,
         folder: PathBuf,
@@ -153,8 +153,8 @@ impl Origin {
     }
 }
 
-/// Reads the rest of the text of a graph from `from`, up to the maximum length. `bytes` is the part that has
-/// already been read.
+/// Reads the rest of the text of a graph from `from`, up to the maximum length, and returns the whole text. `bytes`
+/// is the part that has already been read.
 fn graph_text(mut bytes: Vec<u8>, from: impl Read) -> std::io::Result<String> {
     let wrong = |what: &str| std::io::Error::new(std::io::ErrorKind::InvalidData, what);
     from.take(LARGEST_GRAPH + 1 - bytes.len() as u64).read_to_end(&mut bytes)?;

@@ -27,7 +27,7 @@ pub fn reason(graph: &Graph, index: usize, fate: &Fate) -> String {
 pub struct Cause {
     /// Text of the difference, such as `` `pose.yaw_deg` 30.0 -> 35.0 ``.
     pub text: String,
-    /// The input node whose result differs, if that is the cause.
+    /// Index of the input node whose result differs, if that is the cause.
     pub above: Option<usize>,
 }
 
@@ -93,8 +93,8 @@ fn source(change: &Change) -> Option<&str> {
     (name == "sources").then(|| rest.split_once("].").map_or(rest, |(_, file)| file).trim_matches('"'))
 }
 
-/// The files of those changes in `sources` whose value on one side, old or new, is missing; `side` selects the
-/// side.
+/// The names of the files that were added to or removed from `sources`. `side` returns the old or the new value of
+/// a change; a file is listed if this value is missing.
 fn files(changes: &[Change], side: impl Fn(&Change) -> &Option<String>) -> Vec<&str> {
     changes.iter().filter(|change| side(change).is_none()).filter_map(source).collect()
 }
@@ -151,7 +151,7 @@ pub struct Trail {
     pub roots: Vec<String>,
 }
 
-/// Walks up from a node to the causes of its next or last run.
+/// Follows the causes of a node's next or last run upstream to the first causes.
 pub fn trail(engine: &Engine, graph: &Graph, plan: &[Planned], node: usize) -> Trail {
     let mut trail = Trail { lines: Vec::new(), roots: Vec::new() };
     let mut seen = vec![false; plan.len()];

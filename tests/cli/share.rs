@@ -22,7 +22,7 @@ fn radiance(shift: u8) -> Vec<u8> {
     bytes
 }
 
-/// A project in its own folder, whose graph reads a file next to it and a file elsewhere.
+/// A folder with a graph that reads a file next to the graph and a file in another folder.
 fn place() -> Place {
     let place = Place::new("");
     for folder in ["project", "photos"] {
@@ -43,7 +43,7 @@ fn good(output: Output) -> String {
     text(&output.stdout)
 }
 
-/// Checks the exit code and returns the error message.
+/// Checks that the exit code is `code`, and returns the error message.
 fn bad(output: Output, code: i32) -> String {
     assert_eq!(output.status.code(), Some(code), "{}{}", text(&output.stdout), text(&output.stderr));
     text(&output.stderr)

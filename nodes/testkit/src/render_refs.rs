@@ -84,7 +84,7 @@ impl Case {
         }
     }
 
-    /// Returns the scene with the distance of the camera and the size of the receiver multiplied by `times`.
+    /// Returns the scene with the camera distance and the size of the receiver multiplied by `times`.
     pub fn with_camera_at(&self, times: f32) -> Self {
         let mut receiver = Mesh::clone(&self.receiver);
         receiver.positions.iter_mut().flatten().for_each(|v| *v *= times);
@@ -101,7 +101,7 @@ impl Case {
         }
     }
 
-    /// Traces with or without the object, and measures the CPU seconds.
+    /// Traces the scene, with the object only if `with` is true, and measures the CPU seconds.
     pub fn trace(&self, seed: u64, samples: u32, with: bool, surroundings: Surroundings) -> Traced {
         self.cropped(seed, samples, with, surroundings, 0.001)
     }
@@ -160,7 +160,7 @@ pub struct Traced {
     pub seconds: f64,
     /// CPU seconds spent before the first pixel is traced, measured with a picture of one pixel.
     pub setup: f64,
-    /// Counts of the node, such as `rays`.
+    /// Work counts of the node, such as `rays`.
     pub counts: BTreeMap<&'static str, u64>,
     /// The layers that the node returned.
     pub out: path_trace::Out,

@@ -177,7 +177,7 @@ impl Gc {
     }
 }
 
-/// The keys of the known results of a graph, the number of wanted nodes, and the engine.
+/// The keys of the known results of a graph, the number of nodes that its targets need, and the engine.
 fn known(graph: &GraphArgs, store: Store) -> Result<(Vec<Digest>, usize, Engine), Error> {
     let Loaded { graph, only, .. } = graph.load()?;
     let engine = Engine::new(store, 1, 0);

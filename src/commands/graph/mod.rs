@@ -64,7 +64,8 @@ fn state(fate: &Fate) -> (&'static str, &'static str) {
     }
 }
 
-/// The wires of a graph, each as (from node, its output, to node, its input).
+/// The wires of a graph, each as (index of the source node, name of its output, index of the target node, name of
+/// its input).
 fn wires(graph: &Graph) -> Vec<(usize, &'static str, usize, &'static str)> {
     let mut all = Vec::new();
     for (below, node) in graph.nodes.iter().enumerate() {

@@ -40,7 +40,7 @@ pub struct Inspect {
     memory: MemoryArgs,
 }
 
-/// The measured properties, which are printed as text or as JSON.
+/// The properties of a file, which are printed as text or as JSON.
 #[derive(Serialize)]
 struct Answer<'a> {
     file: String,

@@ -160,8 +160,8 @@ impl Run {
         Ok(outcome.totals.exit_code())
     }
 
-    /// Reports the last run again if nothing has changed; see [`run_unchanged`]. Returns `None` for options that
-    /// need the graph.
+    /// If nothing has changed since the last run, reports the outcome of that run again; see [`run_unchanged`].
+    /// Returns `None` if something has changed, or for options that need the graph.
     fn unchanged(&self, origin: &Origin) -> Result<Option<Outcome>, Error> {
         let asked = self.max_error.is_some() || self.time.is_some() || self.locked || self.trace.is_some();
         if asked || !self.graph.only.is_empty() || self.graph.frames.is_some() {
@@ -207,7 +207,7 @@ impl Run {
         Ok((outcome.totals.stopped || outcome.failures.is_some()).then(|| outcome.totals.exit_code()))
     }
 
-    /// Returns the graph with the number of samples that fits the time, and prints that number.
+    /// Returns the graph with the largest number of samples whose forecast fits the time, and prints that number.
     fn in_time(&self, loaded: Loaded, engine: &Engine, time: Duration) -> Result<Loaded, Error> {
         let seconds = time.as_secs_f64();
         let (loaded, chosen, forecast) = budget::to_time(loaded, engine, seconds)?;

@@ -154,8 +154,8 @@ fn read_folder(folder: &Path) -> Result<Vec<(String, nodes::types::Image<nodes::
     panoramas(folder)?.iter().map(read).collect()
 }
 
-/// Formats the mean and median errors, in stops, over panoramas that were not in the training set. There is one row
-/// for each measure; `of` is appended to the title of each row.
+/// Formats a table of the mean and median errors, in stops, over panoramas outside the training set. The table has
+/// one row per measure of error, and `of` is appended to the title of each row.
 fn table(of: &str, scores: &[Score]) -> String {
     if scores.is_empty() {
         return String::new();
