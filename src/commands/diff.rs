@@ -89,7 +89,7 @@ fn files_difference(a: &Files, b: &Files) -> Difference {
     for (a, b) in a.0.iter().zip(&b.0).filter(|(a, b)| a.bytes != b.bytes) {
         let Some((a, b)) = shown(a).zip(shown(b)) else {
             let (a, b) = (a.bytes.len(), b.bytes.len());
-            return Difference::of(format!("different content, {a} and {b} bytes"));
+            return Difference::of(format!("different content (lengths in bytes: {a} and {b})"));
         };
         let difference = a.difference(&b);
         if !difference.equal {
@@ -214,7 +214,7 @@ impl Diff {
         }
         let mut text = lines.finish();
         for path in &bare {
-            text.push_str(&format!("{} carries no recipe\n", path.display()));
+            text.push_str(&format!("`{}` contains no recipe\n", path.display()));
         }
         if said.is_empty() && bare.is_empty() {
             text.push_str("the graphs are equal\n");
@@ -265,13 +265,15 @@ impl Diff {
         let mut text = lines.finish();
         text.push_str(&match (came.compared, came.unequal.len()) {
             (0, _) => "no node has a known result on both sides; run both first\n".to_owned(),
-            (n, 0) => format!("{n} results compared, all equal\n"),
-            (n, unequal) => format!("{n} results compared, {unequal} differ\n"),
+            (n, 0) => format!("results compared: {n}, all equal\n"),
+            (n, unequal) => format!("results compared: {n}, different: {unequal}\n"),
         });
         for (unknown, side) in came.unknown.iter().zip(["first", "second"]) {
             if !unknown.is_empty() && came.compared > 0 {
                 let names = cut(&unknown.join(", "));
-                text.push_str(&format!("the {side} graph has no known result of {names}; run it first\n"));
+                text.push_str(&format!(
+                    "no result is known for these nodes of the {side} graph: {names}; run the graph first\n"
+                ));
             }
         }
         text

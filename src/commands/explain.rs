@@ -65,14 +65,14 @@ impl Explain {
             let memory = bytes_text(last.memory);
             let counts = counts_text(&last.counts);
             text.push_str(&format!(
-                "\nits code took {seconds} ({cpu} of CPU time) in the last run, with an estimated memory of {memory}{counts}\n"
+                "\nthe last run of the node took {seconds} ({cpu} of CPU time), with an estimated memory of {memory}{counts}\n"
             ));
         }
         if let Some(seconds) = node.forecast {
-            text.push_str(&format!("this time it would take about {}\n", seconds_text(seconds)));
+            text.push_str(&format!("the next run of the node would take about {}\n", seconds_text(seconds)));
         }
         if let Some(manifest) = node.manifest.as_ref().filter(|_| self.key) {
-            text.push_str("\nits key consists of:\n");
+            text.push_str("\nthe key of the node consists of:\n");
             for line in manifest.to_string().lines() {
                 text.push_str(&format!("    {}\n", by_wire(graph, index, line)));
             }

@@ -91,7 +91,7 @@ impl MakeReport {
         };
         if measured.late {
             let (done, all) = (bench.points.len(), all.len());
-            terminal::remark(&format!("the time ran out: {done} of {all} settings were measured"));
+            terminal::remark(&format!("the time ran out (settings measured: {done} of {all})"));
         }
         let name = loaded.graph.source.name.clone();
         let page = page(&bench, &metric, &measured).map_err(|miss| match miss {

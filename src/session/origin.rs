@@ -161,7 +161,7 @@ fn graph_text(mut bytes: Vec<u8>, from: impl Read) -> std::io::Result<String> {
     if bytes.len() as u64 > LARGEST_GRAPH {
         return Err(wrong("it is longer than the maximum of 64 MiB"));
     }
-    String::from_utf8(bytes).map_err(|_| wrong("it is not text"))
+    String::from_utf8(bytes).map_err(|_| wrong("it is not UTF-8 text"))
 }
 
 fn confined(folder: &Path, inputs: &[PathBuf]) -> Result<SourceRoot, Error> {

@@ -123,11 +123,13 @@ pub fn outlook_text(outlook: &Outlook) -> String {
         (0, false) => format!("{settings} setting{s}, all results known"),
         (0, true) => format!("{settings} setting{s}, about {known}"),
         (n, false) => {
-            format!("{settings} setting{s}, time unknown, since some kinds have never run (node runs: {n})")
+            format!(
+                "{settings} setting{s}, time unknown, since some kinds have never run (runs of their nodes: {n})"
+            )
         }
         (n, true) => {
             format!(
-                "{settings} setting{s}, more than {known}, since some kinds have never run (node runs: {n})"
+                "{settings} setting{s}, more than {known}, since some kinds have never run (runs of their nodes: {n})"
             )
         }
     }

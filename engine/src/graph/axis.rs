@@ -71,7 +71,7 @@ impl<'t> Axis<'t> {
             },
             Err(_) => {
                 return Err(wrong(format!(
-                    "`{}` is not an axis: its value is `{}`",
+                    "`{}` is not an axis, since its value is `{}`",
                     field.name,
                     shown(field.text)
                 )));

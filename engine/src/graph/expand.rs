@@ -221,7 +221,7 @@ impl<'t> Check<'t, '_> {
             }
             if grid.has(index) && !named {
                 let what = format!(
-                    "`{path}` names one file, but the sink writes one for each value of `{}`",
+                    "`{path}` names one file, but the sink writes one file for each value of `{}`",
                     axis.name
                 );
                 self.report(Diagnostic::new(span(), what).hint(format!("put `{holder}` into the path")));

@@ -314,7 +314,7 @@ pub(crate) fn wire_names<'t>(
             if steps > MOST_WIRES {
                 return Err(Diagnostic::new(
                     field.span.clone(),
-                    "too many wires, or parameters that refer to each other in a cycle",
+                    "this input has too many wires, or its parameters refer to each other in a cycle",
                 ));
             }
             match value {

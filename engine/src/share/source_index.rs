@@ -214,7 +214,7 @@ fn absent(name: &str, digest: Option<&Digest>) -> String {
             "no folder of `--inputs` contains the files that the node read".to_owned()
         }
         None => format!(
-            "no folder of `--inputs` is or contains `{name}` with the files this picture was made from"
+            "the folders of `--inputs` and their subfolders do not include a folder `{name}` with the files this picture was made from"
         ),
     }
 }
@@ -224,7 +224,7 @@ fn ambiguous(name: &str, wanted: &[String], sources: &[Read]) -> String {
     let times = wanted.iter().filter(|other| *other == name).count();
     let read = sources.iter().filter(|(source, _)| source == name).count();
     format!(
-        "the recipe does not identify the file `{name}` (fields of the node that name it: {times}; files with this name that the node read: {read}, of {} in total); use the graph itself, or a bundle of it",
+        "the recipe does not identify the file `{name}` (fields of the node that contain this name: {times}; files that the node read: {}, of these with this name: {read}); use the graph itself, or a bundle of it",
         sources.len()
     )
 }

@@ -40,7 +40,7 @@ impl Check {
             );
             return Ok(0);
         }
-        terminal::print(&format!("{name}: {nodes} nodes, {sinks} sinks, no mistakes\n"))?;
+        terminal::print(&format!("{name}: no mistakes (nodes: {nodes}, sinks: {sinks})\n"))?;
         if let Some(remark) = terminal::no_file(graph, &loaded.only) {
             terminal::print(&format!("{remark}\n"))?;
         }

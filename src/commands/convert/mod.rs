@@ -93,7 +93,11 @@ impl Convert {
         }
         let text = format!("{}{}", splats::lines(&notes), splats::lines(&lost));
         std::io::stderr().lock().write_all(text.as_bytes())?;
-        terminal::print(&format!("{}: {count} splats, {} bytes\n", self.output.display(), bytes.len()))?;
+        terminal::print(&format!(
+            "wrote {} (splats: {count}, bytes: {})\n",
+            self.output.display(),
+            bytes.len()
+        ))?;
         Ok(0)
     }
 }

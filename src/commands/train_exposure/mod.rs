@@ -139,7 +139,7 @@ fn panoramas(folder: &Path) -> Result<Vec<PathBuf>, String> {
     paths.retain(|path| is(path, "exr") || is(path, "hdr"));
     paths.sort();
     if paths.is_empty() {
-        return Err(format!("`{}` holds no .exr or .hdr file", folder.display()));
+        return Err(format!("`{}` contains no .exr or .hdr file", folder.display()));
     }
     Ok(paths)
 }
