@@ -1,4 +1,4 @@
-//! Locations of the entries of a log, and sizes of the contents of a log.
+//! Locations of log entries, and sizes of the parts of a log.
 
 use crate::digest::Digest;
 

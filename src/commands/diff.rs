@@ -22,9 +22,9 @@ use crate::terminal;
 /// Shows how two graphs differ, in their text and in their results.
 ///
 /// Each side is a graph file, a bundle or a picture that carries its recipe. The results of a graph are looked up
-/// in the cache, those of a bundle in the bundle. Two pictures are compared by their recipes and their pixels; with
-/// `--inputs`, their intermediate results are compared as well. `--set-b` or `--cache-b` compare two runs of one
-/// graph.
+/// in the cache, and the results of a bundle in the bundle. Two pictures are compared by their recipes and their
+/// pixels; with `--inputs`, their intermediate results are compared as well. `--set-b` or `--cache-b` compare two
+/// runs of one graph.
 #[derive(Debug, Args)]
 pub struct Diff {
     /// The first graph, bundle or picture

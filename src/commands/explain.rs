@@ -82,8 +82,8 @@ impl Explain {
     }
 }
 
-/// Replaces the number in the brackets of a line of a key, which is the index of a field, with the index of the
-/// wire that the field belongs to. In a key, each wire of an input has three fields: type, format and content.
+/// Replaces the number in brackets in a line of a key. The number is the index of a field; it becomes the index of
+/// the wire to which the field belongs. In a key, each wire of an input has three fields: type, format and content.
 fn by_wire(graph: &Graph, index: usize, line: &str) -> String {
     let numbered = || {
         let (name, rest) = line.split_once('[')?;

@@ -13,7 +13,7 @@ const ERROR: &str = "max_error";
 /// Minimum number of samples.
 const FEWEST: u64 = 4;
 
-/// Values that replace those of the graph: (node, parameter, value).
+/// Values that override the graph, each as (node, parameter, value).
 type Fields = Vec<(String, &'static str, String)>;
 
 /// Settings that override a graph, such as `trace.samples=16`.
@@ -80,8 +80,8 @@ pub fn pilot(loaded: &Loaded, engine: &Engine) -> Result<Option<(Arc<Graph>, Cho
     Ok(untimed.then(|| (graph, settings(&fields(&own, FEWEST)))))
 }
 
-/// Sets the largest number of samples, at most that of the graph, whose forecast fits the time. Returns the
-/// settings and the forecast.
+/// Sets the largest number of samples whose forecast fits the time, but at most the number in the graph. Returns
+/// the settings and the forecast.
 pub fn to_time(loaded: Loaded, engine: &Engine, seconds: f64) -> Result<(Loaded, Chosen, Forecast), Error> {
     let own = samples(&loaded.graph, &loaded.only);
     let mut most = own.iter().map(|(_, n)| *n).max().ok_or_else(no_samples)?;

@@ -31,7 +31,8 @@ pub struct Cause {
     pub above: Option<usize>,
 }
 
-/// Converts the changes of a node's key to causes. A wire has several fields in a key, which give only one cause.
+/// Converts the changes of a node's key to causes. A wire has several fields in a key. If several of them change,
+/// they give only one cause.
 pub fn causes(graph: &Graph, index: usize, changes: &[Change]) -> Vec<Cause> {
     let node = &graph.nodes[index];
     let mut causes = Vec::new();

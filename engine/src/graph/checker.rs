@@ -69,7 +69,8 @@ impl<'t, 'a> Check<'t, 'a> {
         self.diagnostics.len()
     }
 
-    /// True if the graph has axes or gathers, so that the nodes of the graph may not be those of the file.
+    /// True if the graph has axes or gathers, so that the expanded graph may have more or fewer nodes than the
+    /// file.
     pub fn is_multiple(&self) -> bool {
         !self.axes.is_empty() || !self.gathers.is_empty()
     }

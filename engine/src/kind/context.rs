@@ -249,10 +249,10 @@ impl Context {
 
     /// Computes a part of the node's work, or takes it from the cache. The key of the part consists of the kind,
     /// the name and version of the part, the content of the named inputs and `extra`, which must contain every
-    /// parameter and number that `value` reads. The counts made by `value` are stored with the part, so that the
+    /// parameter and number that `value` reads. The work that `value` counts is stored with the part, so that the
     /// counts of a node cover all of its work even if parts came from the cache. Compute one part at a time. If
-    /// another node or process is computing the part, this returns an error that must be passed on; the node is
-    /// tried again later.
+    /// another node or process is computing the part, this returns an error, which the kind must return too; the
+    /// node is then tried again later.
     pub fn part<A: Artifact>(
         &self,
         part: Part<'_>,

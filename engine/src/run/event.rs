@@ -231,8 +231,8 @@ fn hex_option<S: Serializer>(digest: &Option<Digest>, to: S) -> Result<S::Ok, S:
 /// Summary of a plan.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct Forecast {
-    /// Number of nodes that may run. Fewer may actually run, since a node does not run if its recomputed inputs
-    /// equal those of its last run.
+    /// Number of nodes that may run. Fewer may actually run, since a node does not run if its inputs, after they
+    /// were recomputed, equal the inputs of its last run.
     pub open: usize,
     /// Number of nodes that the targets need.
     pub wanted: usize,

@@ -65,7 +65,7 @@ impl<'s, F: FnOnce(NodeError) -> Message> Owed<'s, F> {
         self.cancel();
     }
 
-    /// Drops the obligation, because another message was sent in place of this one.
+    /// Cancels the duty to send this message, because another message was sent in its place.
     pub fn cancel(mut self) {
         self.otherwise = None;
     }

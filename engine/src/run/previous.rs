@@ -23,7 +23,7 @@ pub(crate) struct PreviousRun {
     pub slots: Vec<Slot>,
 }
 
-/// The nodes whose results may differ from those of the previous run.
+/// The nodes whose results may differ from their results in the previous run.
 pub(crate) struct Cone {
     /// For each node, true if its result may differ, or if no target needs the node.
     pub of: Vec<bool>,
@@ -41,9 +41,10 @@ impl PreviousRun {
         (!root.is_confined()).then(|| Self { nodes, scene: graph.scene, root, only: only.to_vec(), slots })
     }
 
-    /// The nodes that the run must inspect. These are the needed nodes that changed, whose source files changed,
-    /// that did not succeed, or whose output files are not up to date, and all nodes downstream of them. `None` if
-    /// the two graphs differ in anything other than individual nodes, such as the scene or the number of nodes.
+    /// The nodes that the run must inspect. A node must be inspected if it is needed and has changed, has changed
+    /// source files, did not succeed, or has output files that are not up to date. All nodes downstream of such
+    /// nodes must be inspected too. `None` if the two graphs differ in anything other than individual nodes, such
+    /// as the scene or the number of nodes.
     pub fn cone(
         &self,
         graph: &Graph,

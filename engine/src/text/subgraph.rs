@@ -222,8 +222,8 @@ pub(crate) fn value_of<'s, 't>(
 }
 
 /// Returns the text of a field with each `Param` call replaced by its value, and the byte range of the field. If
-/// the field is a single `Param` call, the byte range is that of the value. If `folder_at` is given, paths are made
-/// relative to the folder of the graph.
+/// the field is a single `Param` call, the byte range of the value is returned instead. If `folder_at` is given,
+/// paths are made relative to the folder of the graph.
 pub(crate) fn in_place<'t>(
     field: &RawField<'t>,
     scopes: &[Scope<'t>],

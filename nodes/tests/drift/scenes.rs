@@ -97,8 +97,8 @@ fn blended(footprints: &[Footprint], at: [f64; 2], period: Option<f64>) -> [f64;
     [r, g, b, 1.0 - clear]
 }
 
-/// Premultiplied colour and alpha of each pixel: EWA splatting as in Zwicker et al. 2001 and Kerbl et al. 2023,
-/// with the constants of the latter.
+/// Premultiplied colour and alpha of each pixel: EWA splatting (Zwicker et al. 2001) with the constants of Kerbl et
+/// al. 2023.
 pub fn splatted(splats: &Splats, camera: &Camera) -> Vec<f64> {
     let world = camera.world_from_camera();
     let turn = DMat3::from_mat4(world).transpose();

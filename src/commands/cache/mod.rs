@@ -33,7 +33,7 @@ enum Verb {
     Gc(Gc),
     /// Protect the known results of a graph from `gc`
     Pin(Pin),
-    /// Copy all results, or those of a graph, to another cache
+    /// Copy all results, or only the results of a graph, to another cache
     Copy(Copy),
 }
 

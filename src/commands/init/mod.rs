@@ -11,7 +11,7 @@ use crate::session::Error;
 use crate::terminal;
 use survey::Survey;
 
-/// Creates a folder with a commented graph that runs as it is.
+/// Creates a folder with a commented graph that can be run without changes.
 ///
 /// Without files the scene is synthetic. With `--splats` and `--object` it measures which way is up, where the
 /// floor lies and how long a unit is, and chooses a place for the object and a camera. It prints what it assumed,

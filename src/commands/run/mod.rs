@@ -31,8 +31,8 @@ pub struct Run {
     #[arg(long, default_value = "out", value_name = "DIR")]
     out: PathBuf,
     /// Take samples until the standard error of shadow and object is at most this, such as 0.01. The maximum number
-    /// of samples is that of the graph, even if a preset sets fewer. Sets `max_error` of every node that has this
-    /// parameter
+    /// of samples is the number in the graph, even if a preset sets fewer. Sets `max_error` of every node that has
+    /// this parameter
     #[arg(long, value_name = "ERROR", conflicts_with = "time", allow_negative_numbers = true)]
     max_error: Option<f64>,
     /// Take as many samples as the forecast allows in this time, such as 10s or 5m, but at most as many as the

@@ -33,7 +33,7 @@ pub struct TrainExposure {
     /// cross-validation
     #[arg(long, default_value_t = 6, value_parser = clap::value_parser!(u64).range(0..=64))]
     folds: u64,
-    /// Number of procedural panoramas in addition to those of the folder
+    /// Number of procedural panoramas in addition to the panoramas in the folder
     #[arg(long, default_value_t = 160, value_parser = clap::value_parser!(u32).range(0..=100_000))]
     procedural: u32,
     /// Number of training steps of each network

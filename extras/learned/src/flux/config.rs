@@ -25,8 +25,8 @@ pub struct Config {
     pub pooled: usize,
     /// Length of the embedding of a noise level.
     pub time: usize,
-    /// Numbers of channels per head that encode the frame, the row and the column of a token, respectively. All
-    /// three numbers are even.
+    /// Three even numbers: the channels per head that encode the frame, the row and the column of a token, in this
+    /// order.
     pub axes: [usize; 3],
     /// True if the guidance strength is an input of the network.
     pub guidance: bool,

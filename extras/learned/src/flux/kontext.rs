@@ -24,7 +24,7 @@ use super::watch::Watch;
 pub struct Files {
     /// The transformer: a GGUF file, or a safetensors file with the tensor names of the model's authors or of
     /// `diffusers`. If the model is split into several safetensors files (shards), this is the path of the first
-    /// one.
+    /// shard.
     pub transformer: PathBuf,
     /// The autoencoder, a safetensors file.
     pub vae: PathBuf,

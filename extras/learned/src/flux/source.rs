@@ -85,7 +85,7 @@ impl Source {
         Ok(source)
     }
 
-    /// The path of the first file. Messages about any of the files name this one.
+    /// The path of the first file. Error messages about any of the files name this path.
     pub fn path(&self) -> &Path {
         &self.files[0]
     }

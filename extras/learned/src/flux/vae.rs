@@ -1,5 +1,5 @@
-//! The autoencoder of Flux.1. It converts between pictures and latents, whose width and height are an eighth of
-//! those of the picture.
+//! The autoencoder of Flux.1. It converts between pictures and latents. The width and height of latents are an
+//! eighth of the width and height of the picture.
 
 use std::path::Path;
 
@@ -374,9 +374,9 @@ impl Vae {
         &self.config
     }
 
-    /// Encodes a picture of shape 3 x height x width with values from -1 to 1. Width and height of the latents are
-    /// an eighth of those of the picture. The encoder computes a distribution and returns its mean, so that the
-    /// same picture always gives the same latents.
+    /// Encodes a picture of shape 3 x height x width with values from -1 to 1. The width and height of the latents
+    /// are an eighth of the width and height of the picture. The encoder computes a distribution and returns its
+    /// mean, so that the same picture always gives the same latents.
     pub fn encode(&self, picture: &Tensor, edge: Edge, watch: &mut dyn Watch) -> Result<Tensor> {
         let mut x = picture.clone();
         for stage in &self.encoder {

@@ -17,7 +17,7 @@ fn fixture() -> PathBuf {
 }
 
 /// Copies the small model's `config.json` into a folder. It is needed because the weights file does not contain the
-/// axes, and the heads are shorter than those of the published model.
+/// axes, and the heads of the small model have fewer channels than the heads of the published model.
 fn small_config(folder: &Path) {
     std::fs::copy(fixture().join("transformer/config.json"), folder.join("config.json")).unwrap();
 }

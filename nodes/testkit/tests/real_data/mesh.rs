@@ -92,9 +92,9 @@ struct Score {
     median: f64,
     /// 90th percentile of this deviation, in millimetres.
     most: f64,
-    /// Of the pixels that have a surface in the ground truth, the percentage at which the mesh has none.
+    /// Percentage of the pixels with a surface in the ground truth where the mesh has no surface.
     holes: f64,
-    /// Of the pixels that have a surface in the ground truth, the percentage at which the mesh shows a back face.
+    /// Percentage of the pixels with a surface in the ground truth where the mesh shows a back face.
     backs: f64,
 }
 
