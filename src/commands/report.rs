@@ -25,7 +25,7 @@ pub struct MakeReport {
     graph: GraphArgs,
     #[command(flatten)]
     engine: EngineArgs,
-    /// The page to write, self-contained HTML
+    /// The page to write, a self-contained HTML file
     #[arg(long, short, value_name = "FILE", default_value = "report.html")]
     out: PathBuf,
     /// The measure of error: flip, flip95, rmse, psnr, ciede2000, mae or relmse; the prefix `touched.` counts only

@@ -200,7 +200,7 @@ impl GraphArgs {
         Ok(Origin { source, root, lock, recipe, unpacked })
     }
 
-    /// Adds to the mistakes of `--set` a hint on how to write a list of numbers in a shell.
+    /// Adds a hint to mistakes in `--set` that explains how to write a list of numbers in a shell.
     fn with_shell_forms(&self, error: Error) -> Error {
         let Error::Graph(mut mistakes) = error else { return error };
         for setting in &self.set {

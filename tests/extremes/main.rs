@@ -1,7 +1,7 @@
-//! Checks `docs/evidence/extremes.md`. That page has a row for each extreme case, with the tests of this case and
-//! the values that they measured.
+//! Checks `docs/evidence/extremes.md`. That page has a row for each extreme case, which lists the tests of the case
+//! and the values that they measured.
 //!
-//! `rows.tsv` has the rows and names the tests of each. `mutations.tsv` has changes of expressions that make the
+//! `rows.tsv` has the rows and the names of the tests. `mutations.tsv` lists changes of expressions that make the
 //! tests fail; `tests/extremes/mutate.py` applies them. `tests/extremes/page` writes the page. The tests in this
 //! file check that the page agrees with the table and the sources, and that the expressions of the mutations still
 //! exist.

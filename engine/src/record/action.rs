@@ -137,7 +137,7 @@ pub(crate) fn last_run(store: &Store, graph: &Graph, node: &Node) -> Option<(Spe
     Some((Record::decode(&bytes, node).ok()?.spent, Record::manifest(&bytes)?))
 }
 
-/// The manifest of the newest key in the history of a node that is not the key `now`.
+/// The manifest of the newest key, other than `now`, in the history of a node.
 pub(crate) fn manifest_before(store: &Store, graph: &Graph, node: &Node, now: &Digest) -> Option<Manifest> {
     let before = keys_of(store, graph, node).into_iter().find(|key| key != now)?;
     Record::manifest(&store.get_record(&before)?)

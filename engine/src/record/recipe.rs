@@ -106,8 +106,8 @@ pub(crate) fn one_line_name(path: &str) -> String {
     last(path).replace(char::is_control, "_")
 }
 
-/// Returns the part of the name of a picture that affects how the picture is made: its extension, and whether it
-/// has `{view}`.
+/// Returns the part of the name of a picture that affects how the picture is made: its extension, and `{view}` if
+/// the name contains it.
 fn output_name(path: &str) -> String {
     let ending = last(path)
         .rsplit_once('.')

@@ -1,5 +1,5 @@
 //! Remembers across processes that a run found everything up to date. If nothing has changed since, the next run
-//! reports the same without parsing the graph or making keys.
+//! reports the same events without parsing the graph or making keys.
 //!
 //! A run depends on the program, the text of the graph, the kinds in it, the source files, and the output files.
 //! The text and the kinds are compared by digest, and the source files are listed again. The program and all files

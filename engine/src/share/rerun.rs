@@ -64,7 +64,7 @@ impl Recipe {
     }
 
     /// Descriptions of the kinds in the recipe that this version of lightharmony does not have, or has in another
-    /// version. Because of these, a new picture would differ.
+    /// version. If there are any, a new picture may differ from the original picture.
     pub fn other_kinds(&self, registry: &Registry) -> Vec<String> {
         let other = |(name, version, profile): &(String, u32, String)| match registry.get(name) {
             None => Some(format!("this version of lightharmony has no kind `{name}`")),

@@ -8,7 +8,7 @@ use std::path::{Component, Path, PathBuf};
 
 use cache::FileStamp;
 
-/// Notification of changes in folders.
+/// Source of notifications about changes in folders.
 pub(crate) trait Notifier: Send {
     /// Starts notifications for a folder, without its subfolders.
     fn listen(&mut self, folder: &Path) -> Result<(), String>;

@@ -141,7 +141,7 @@ fn directions(sky: &Environment) -> Vec<(DVec3, [f64; 3])> {
     all
 }
 
-/// True if a ray hits the box, by the slab method.
+/// True if a ray hits the box. Uses the slab method.
 fn meets(from: DVec3, direction: DVec3) -> bool {
     let (a, b) = ((LOW - from) / direction, (HIGH - from) / direction);
     a.max(b).min_element() > a.min(b).max_element().max(0.0)

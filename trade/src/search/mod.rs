@@ -26,7 +26,8 @@ pub struct Steps {
     pub values: usize,
     /// Number of values by which the search moves in one step.
     pub step: usize,
-    /// True if the values are sorted by increasing work; false if they have no order, such as methods.
+    /// True if the values are sorted by increasing work; false if they have no order, for example if they are names
+    /// of methods.
     pub ordered: bool,
 }
 

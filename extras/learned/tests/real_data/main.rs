@@ -1,5 +1,5 @@
-//! Comparison with a reference: the tensors that `diffusers` computes for a small model with random weights. Other
-//! tests that need the small model are also here.
+//! Tests that compare this crate with a reference: the tensors that `diffusers` computes for a small model with
+//! random weights. Other tests that need the small model are here too.
 
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "tests")]
 
