@@ -24,15 +24,15 @@ pub struct GraphArgs {
     /// Do all work, even where a check shows that it would not change a byte; for measuring what these checks save
     #[arg(long)]
     pub exhaustive: bool,
-    /// Apply a preset: one of the graph, or draft, preview, final or reference, which set its knobs; may be
-    /// repeated. `--overlay` and `--set` override presets
+    /// Apply a preset of the graph, or one of draft, preview, final and reference, which set the knobs of the
+    /// graph; may be repeated. `--overlay` and `--set` override presets
     #[arg(long, value_name = "NAME")]
     pub preset: Vec<String>,
     /// Apply the values of a file, such as Overlay(nodes: (trace: (samples: 4))); may be repeated
     #[arg(long, value_name = "FILE")]
     pub overlay: Vec<PathBuf>,
-    /// Compute only these nodes and their inputs, separated by commas; default: every sink. `each/frame=5..7` names
-    /// a range of an axis
+    /// Compute only these nodes, separated by commas, and the nodes that they need; default: every sink.
+    /// `each/frame=5..7` names a range of an axis
     #[arg(long, value_name = "NODES", value_delimiter = ',')]
     pub only: Vec<String>,
     /// Compute the nodes of `--only`, or the sinks that write a file per frame, only at these values of the axis

@@ -7,7 +7,7 @@ use engine::{Change, Engine, Fate, Graph, Planned, Role, Why};
 /// The reason why a node runs, in a few words.
 pub fn reason(graph: &Graph, index: usize, fate: &Fate) -> String {
     match fate {
-        Fate::Unwanted => "not wanted".to_owned(),
+        Fate::Unwanted => "not needed by any target".to_owned(),
         Fate::Known => "known".to_owned(),
         Fate::Lost => "known, but removed from the cache: runs again if its values are needed".to_owned(),
         Fate::Runs(Why::New) => "runs: no earlier run is known".to_owned(),
@@ -133,7 +133,9 @@ fn plain_cause(graph: &Graph, index: usize, change: &Change) -> String {
     let (old, new) = (value(&change.old), value(&change.new));
     let (name, rest) = change.path.split_once(['[', '.']).unwrap_or((&change.path, ""));
     match name {
-        "kind" | "version" | "profile" => format!("`{}` has another {name}: {old} -> {new}", node.kind.name),
+        "kind" | "version" | "profile" => {
+            format!("`{}` has a different {name}: {old} -> {new}", node.kind.name)
+        }
         "sources" => {
             let file = source(change).unwrap_or(rest);
             format!("`{file}`, which `{}` reads, has different content: {old} -> {new}", node.id)
@@ -189,12 +191,11 @@ pub fn trail(engine: &Engine, graph: &Graph, plan: &[Planned], node: usize) -> T
                 report(changes, &mut trail.lines);
             }
             Fate::Known if !past.is_empty() => {
-                let word = if depth == 0 { " is known; last changed:" } else { " is known; before:" };
-                trail.lines.push(format!("{head}{word}"));
+                trail.lines.push(format!("{head} is known; it last ran after these changes:"));
                 report(&past, &mut trail.lines);
             }
             Fate::Follows(_) => {
-                trail.lines.push(format!("{head} may run, after"));
+                trail.lines.push(format!("{head} may run, depending on:"));
                 let open = |above: &&usize| !matches!(plan[**above].fate, Fate::Known | Fate::Unwanted);
                 above.extend(graph.reads(index).iter().filter(open));
             }

@@ -70,7 +70,7 @@ fn collecting_pinning_and_copying() {
     let (code, text) = printed(&place, &["pin", "graph.ron"]);
     assert!(code == 0 && text.contains("graph.ron (known results: 2, nodes: 2)"), "{text}");
     let (code, text) = printed(&place, &["gc", "--max-size", "0"]);
-    assert!(code == 0 && text.contains("kept, since they are pinned: results 2\n"), "{text}");
+    assert!(code == 0 && text.contains("pinned results, which are kept: 2\n"), "{text}");
     assert_eq!(place.run(&[]).good().nodes("cached"), ["pic", "save"]);
     assert!(printed(&place, &["stat"]).1.contains("graph.ron (results: 2)\n"));
     assert_eq!(printed(&place, &["pin", "graph.ron", "--remove"]).0, 0);

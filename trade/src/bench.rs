@@ -371,15 +371,15 @@ impl<'e> Bench<'e> {
             let reported = |of: &dyn Fn(&Output, &Images) -> bool, text: &str| {
                 let held = self.outputs.iter().zip(&*pictures).filter(|(output, images)| of(output, images));
                 let names: Vec<String> = held.map(|(output, _)| format!("`{}`", output.name)).collect();
-                (!names.is_empty()).then(|| format!("{}: {text}", names.join(", ")))
+                (!names.is_empty()).then(|| format!("{text}: {}", names.join(", ")))
             };
             let linear = |output: &Output, _: &Images| output.space == Space::Linear;
             let cut = |output: &Output, images: &Images| output.space == Space::Display && is_bright(images);
             let remarks = [
-                reported(&cut, "light that is far brighter than white is judged as white"),
+                reported(&cut, "light far above white is judged as white in these pictures"),
                 reported(
                     &linear,
-                    "only written to OpenEXR files and therefore judged in linear light, with HDR-FLIP",
+                    "judged in linear light, with HDR-FLIP, since they are only written to OpenEXR files",
                 ),
             ];
             remarks.into_iter().flatten().for_each(|text| self.remark(text));

@@ -149,8 +149,8 @@ pub(crate) fn reads_axis(text: &str) -> bool {
     !calls(text, &CALLS).is_empty()
 }
 
-/// The indices of the axes that the calls in the text of a field name. Returns an error if a call has a mistake.
-/// `span` is the byte range of the field.
+/// The indices of the axes to which the calls in a field refer. Returns an error if a call has a mistake. `span` is
+/// the byte range of the field.
 pub(crate) fn axes_read(
     text: &str,
     span: &Range<usize>,

@@ -19,7 +19,7 @@ pub struct RunOptions {
     /// Flag that the caller sets to cancel the run. The results of finished nodes are kept.
     pub cancel: Arc<AtomicBool>,
     /// Nodes that are reduced for a preview. The results of these nodes and of the nodes downstream of them are not
-    /// recorded as the last run, and their files are marked as previews.
+    /// recorded as results of the last run, and their files are marked as previews.
     pub rough: Vec<usize>,
     /// True to report the work of each thread as [`Event::Span`](crate::Event::Span)s.
     pub trace: bool,

@@ -46,7 +46,7 @@ fn type_name(found: FileType) -> &'static str {
             return "a device";
         }
     }
-    if found.is_dir() { "a folder" } else { "something else" }
+    if found.is_dir() { "a folder" } else { "a special file" }
 }
 
 #[cfg(test)]

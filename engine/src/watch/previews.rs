@@ -7,7 +7,7 @@ const SOON: f64 = 0.5;
 /// take more than this many seconds.
 const AT_ONCE: f64 = 0.3;
 
-/// The ways in which a preview is reduced.
+/// The reductions that a preview applies.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) struct Reduction {
     /// Maximum value of the parameter that the preview limits.

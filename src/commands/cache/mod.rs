@@ -166,7 +166,7 @@ impl Gc {
             bytes_text(gone.after)
         );
         if gone.pinned > 0 {
-            text.push_str(&format!("kept, since they are pinned: results {}\n", gone.pinned));
+            text.push_str(&format!("pinned results, which are kept: {}\n", gone.pinned));
         }
         print(&text)?;
         let too_much = limits.max_size.is_some_and(|most| gone.after > most && most > 0);
@@ -208,7 +208,7 @@ impl Pin {
         let (keys, wanted, engine) = known(&graph, store)?;
         let before = engine.store().pins().into_iter().find(|(pin, _)| *pin == name);
         engine.store().pin(&name, &keys)?;
-        let before = before.map(|(_, records)| format!("; replaces an earlier pin with results: {records}"));
+        let before = before.map(|(_, records)| format!(", results of the replaced pin: {records}"));
         let before = before.unwrap_or_default();
         print(&format!("pinned {name} (known results: {}, nodes: {wanted}{before})\n", keys.len()))?;
         Ok(0)

@@ -60,7 +60,7 @@ fn state(fate: &Fate) -> (&'static str, &'static str) {
         Fate::Runs(_) => ("runs", "#ffd9a0"),
         Fate::Follows(_) => ("may run", "#fff0cc"),
         Fate::Fails(_) => ("fails", "#f4b6b6"),
-        Fate::Unwanted => ("not wanted", "#e6e6e6"),
+        Fate::Unwanted => ("not needed", "#e6e6e6"),
     }
 }
 

@@ -22,7 +22,7 @@ pub struct TrainLora {
     /// The encoded prompt: tensors `t5` and `clip`
     #[arg(long, default_value = "prompt.safetensors")]
     prompt: PathBuf,
-    /// Rank of the updates; alpha is equal to it
+    /// Rank of the updates; alpha has the same value
     #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u64).range(1..=1024))]
     rank: u64,
     /// Learning rate: the approximate change of a weight per step
