@@ -43,7 +43,7 @@ pub struct GraphArgs {
     /// For a bundle or a picture: a folder whose files the graph may read; may be repeated
     #[arg(long, value_name = "DIR")]
     pub inputs: Vec<PathBuf>,
-    /// For a picture: run its recipe even if kinds have other versions here, which may give another picture
+    /// For a picture: run its recipe even if kinds have other versions here, which may give a different picture
     #[arg(long)]
     pub other_versions: bool,
 }

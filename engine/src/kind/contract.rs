@@ -178,8 +178,8 @@ pub trait Kind: 'static {
         Ok(())
     }
 
-    /// The number of views in the outputs, if it is known before anything runs. A sink of more than one view needs
-    /// `{view}` in its path.
+    /// The number of views in the outputs, if it is known before anything runs. A sink that writes more than one
+    /// view needs `{view}` in its path.
     fn views(_params: &Self::Params, _root: &SourceRoot) -> ViewCount {
         ViewCount::Unknown
     }

@@ -142,7 +142,7 @@ impl<'t> Tiles<'t> {
     }
 
     /// Runs tiles on a helper for the time [`TURN`]. The helper then spawns its next turn instead of continuing the
-    /// loop, since it may run on a thread that waits for its own tiles.
+    /// loop, so that the thread can do other work in between.
     fn help<'s>(&'s self, scope: &rayon::Scope<'s>) {
         let start = Instant::now();
         loop {

@@ -150,8 +150,8 @@ impl Engine {
         Past { spent, changes: planned.manifest.as_ref().and_then(change).unwrap_or_default() }
     }
 
-    /// Time, memory and counts of work that the code of a node would take without a cache. They come from the last
-    /// run of the node with this name in this graph file.
+    /// Time, memory and work counts of a node without a cache, as measured in the last run of the node with this
+    /// name in this graph file.
     pub fn spent(&self, graph: &Graph, node: usize) -> Option<Spent> {
         last_outputs(self.store(), graph, &graph.nodes[node]).map(|record| record.spent)
     }

@@ -11,7 +11,7 @@ pub enum Level {
     /// A choice that the node made because neither the graph nor a file determines it, such as the unit of length
     /// of a file that does not state its unit.
     Decision,
-    /// The result is valid, but the user should check what the note describes.
+    /// The result is valid, but the user should check the point that the note describes.
     Warning,
     /// The result is worse than what the graph asks for. All results made from it are degraded too, and the exit
     /// code reports this.

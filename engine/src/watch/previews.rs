@@ -1,6 +1,6 @@
 //! The previews that precede a long run.
 
-/// A preview is left out if the step after it is forecast to take at most this many seconds.
+/// A preview is left out if the preview or run that follows it is forecast to take at most this many seconds.
 const SOON: f64 = 0.5;
 
 /// A preview that computes only a subset of the pixels is made only if the preview with the limit 1 is forecast to

@@ -5,9 +5,9 @@
 
 use candle_core::{D, Device, Result, Tensor, Var};
 
-/// Photographed panoramas, stored as arrays with one row per panorama. All panoramas have the same number of
-/// clipped cells. If a panorama has more, only a selection of its cells is used, and some of these stand for
-/// several cells. If a panorama has fewer, cells without light are added.
+/// Photographed panoramas, stored as arrays with one row per panorama. Every panorama is described by the same
+/// number of clipped cells. If it has more clipped cells, only a selection is used, and some of the selected cells
+/// stand for several cells. If it has fewer, cells without light are added.
 pub struct Examples {
     /// Number of panoramas.
     pub count: usize,

@@ -23,7 +23,7 @@ pub struct Check {
 }
 
 impl Check {
-    /// Checks the graph. Returns exit code 0 for a graph that can run; mistakes are an error.
+    /// Checks the graph. Returns exit code 0 if the graph can run, and an error if it has mistakes.
     pub fn run(self) -> Result<u8, Error> {
         let loaded = self.graph.load()?;
         let graph = &loaded.graph;

@@ -1,4 +1,4 @@
-//! Detection of pictures whose sizes do not match, from cameras and file headers.
+//! Detects pictures whose sizes do not match. The sizes are taken from cameras and file headers.
 
 use std::sync::Arc;
 

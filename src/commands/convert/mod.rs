@@ -119,7 +119,7 @@ fn check_output(input: &Path, output: &Path) -> Result<(), NodeError> {
     Err(NodeError::new(what).hint("create it first"))
 }
 
-/// Warns if the floor of a scene indicates an up axis different from the assumed one.
+/// Warns if the floor of a scene indicates an up axis that differs from the assumed up axis.
 fn warn_of_floor(scene: &Splats, up: Up, notes: &mut Notes, cx: &Context) -> Result<(), NodeError> {
     cx.check()?;
     let level = nodes::geometry::level::of_splats(scene, None).filter(|level| level.is_sure());

@@ -28,7 +28,7 @@ const VIEW: [usize; 2] = [664, 498];
 const VIEWS: usize = 4;
 /// Width and height of the printed cameras, in pixels.
 const PRINTED: [u32; 2] = [1280, 720];
-/// Height of the cameras of the views above the floor, in metres: the eye level of a person.
+/// Height above the floor of the cameras that show the views, in metres: the eye level of a person.
 const EYES: f64 = 1.55;
 /// Width of the picture of a panorama, in pixels.
 const PANORAMA: usize = 1600;

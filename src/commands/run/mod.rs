@@ -54,7 +54,7 @@ pub struct Run {
     verbose: bool,
 }
 
-/// Maximum number of nodes of a graph that is planned only to get a forecast, since planning takes time.
+/// A graph with more nodes than this is not planned only to get a forecast, since planning takes time.
 const MOST_PLANNED: usize = 2000;
 
 impl Run {

@@ -277,8 +277,8 @@ fn what_varies_stays(engine: &Engine) {
     }
 }
 
-/// Checks the counts of every node at each preset against stored ones, which are the same on every machine. Run
-/// with `UPDATE_GOLDEN=1` to update the stored counts.
+/// Checks the counts of every node at each preset against stored counts, which are valid on every machine. Run with
+/// `UPDATE_GOLDEN=1` to update the stored counts.
 fn counts_are_known(mut bench: Bench<'_>) {
     let mut text = "preset\tnode\tcounts\n".to_owned();
     for (level, name) in engine::PRESETS.iter().enumerate() {

@@ -152,7 +152,7 @@ impl<'a> Run<'a> {
         self.queue.park(Parked { node, key, since, when, pause: FIRST_PAUSE }, slot);
     }
 
-    /// Queues each parked node whose key is no longer held by a process that makes progress.
+    /// Queues each parked node unless a process that makes progress still holds the lease of its key.
     pub fn unpark(&mut self) {
         let now = Instant::now();
         let store = &self.engine.store;

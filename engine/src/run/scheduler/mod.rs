@@ -274,7 +274,7 @@ impl<'a> Run<'a> {
     }
 
     /// The warning about stored values that were missing. All of them are reported in one warning, since they have
-    /// one cause.
+    /// a common cause.
     fn gone_text(&self) -> Option<String> {
         const NAMED: usize = 3;
         if self.gone.is_empty() {

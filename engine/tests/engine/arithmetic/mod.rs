@@ -22,12 +22,13 @@ pub fn registry_with(entry: KindEntry) -> Registry {
     Registry::new(others.collect()).with(entry)
 }
 
-/// The table of all kinds in this file, except that `scale` returns another result under the same name and version.
+/// The table of all kinds in this file, except that `scale` returns a different result under the same name and
+/// version.
 pub fn registry_of_a_cheat() -> Registry {
     registry_with(KindEntry::of::<Cheat>())
 }
 
-/// A `scale` with another result; see [`registry_of_a_cheat`].
+/// A `scale` that returns a different result; see [`registry_of_a_cheat`].
 pub struct Cheat;
 impl Kind for Cheat {
     const NAME: &'static str = "scale";

@@ -1,5 +1,5 @@
-//! Compares every mode with the float64 references of `splat-refs`, and with this renderer in float64 without
-//! bounds.
+//! Compares every mode with the float64 references of `splat-refs`, and with this renderer in float64 if every
+//! splat is evaluated at every pixel.
 
 use nodes::render::splat::{Bounds, Precision, Settings, render};
 

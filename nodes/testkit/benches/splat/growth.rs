@@ -1,5 +1,5 @@
-//! Measures how the rendering time grows with the number of splats, and how much time a second thread saves and
-//! costs.
+//! Measures how the rendering time grows with the number of splats, and how much elapsed time a second thread saves
+//! and how much CPU time it adds.
 
 use std::sync::Mutex;
 

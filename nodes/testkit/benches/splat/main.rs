@@ -87,8 +87,8 @@ fn cloud() -> Splats {
     }
 }
 
-/// Camera of 640x480 pixels that looks at [`cloud`] along -y, or in a direction off the axes if `name` contains
-/// `tilted`.
+/// Camera of 640x480 pixels that looks at [`cloud`] along -y or, if `name` contains `tilted`, in a direction that
+/// is not along an axis.
 fn before_the_cloud(name: &str) -> Camera {
     let tilted = DVec3::new(-0.121_572, -0.990_128, -0.069_756);
     let forward = if name.contains("tilted") { tilted.normalize() } else { DVec3::NEG_Y };

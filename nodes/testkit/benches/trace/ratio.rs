@@ -6,7 +6,7 @@ use nodes::kinds::path_trace::surroundings::Surroundings;
 use nodes::types::Images;
 use testkit::{Case, Data, Traced, denoised, relative_mse, rgb};
 
-/// Number of seeds. Errors are means over the seeds, and seconds are medians.
+/// Number of seeds. Reported errors are means over the seeds, and reported CPU seconds are medians.
 const SEEDS: u64 = 3;
 
 /// Root mean square errors of S, where S is first clamped to at most 1. The first error is over the pixels that the

@@ -88,7 +88,7 @@ fn degraded(splats: &Splats, tilt_deg: f64, jitter: f64) -> Splats {
 
 /// Deviations of a mesh from the ground truth in a view.
 struct Score {
-    /// Median deviation along the ray within 1 m of the foot, in millimetres.
+    /// Median deviation within 1 m of the foot, measured along the ray of each pixel, in millimetres.
     median: f64,
     /// 90th percentile of this deviation, in millimetres.
     most: f64,
