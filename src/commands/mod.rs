@@ -95,7 +95,7 @@ enum Verb {
     Pick(pick::Pick),
     /// Draw a graph with the state of its results
     Graph(graph::Draw),
-    /// Maintain the cache: contents, damage, size
+    /// Maintain the cache: print its contents, find damage, limit its size
     Cache(cache::Cache),
     /// Create a folder with a first graph
     Init(init::Init),

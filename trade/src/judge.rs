@@ -31,7 +31,7 @@ pub struct Output {
 
 /// The inputs from which one `composite` node, or several stacked `composite` nodes, made a picture.
 struct Insertion {
-    /// The background of the first of these nodes.
+    /// The background of the first `composite` node.
     background: Wire,
     /// The inserted objects, in the order of insertion.
     layers: Vec<Layer>,

@@ -18,7 +18,7 @@ pub(crate) struct Parked {
     pub key: Digest,
     /// Start of the wait; `None` once the wait has been reported.
     pub since: Option<Instant>,
-    /// Time of the next attempt.
+    /// Time of the next attempt to unpark the node.
     pub when: Instant,
     pub pause: Duration,
 }

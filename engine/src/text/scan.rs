@@ -314,7 +314,7 @@ fn quotes(span: Range<usize>, inside: Option<&str>) -> Diagnostic {
     }
 }
 
-/// White space of RON beyond ASCII, and the byte order mark.
+/// True for the white space of RON that is not ASCII, and for the byte order mark.
 fn is_space(c: char) -> bool {
     matches!(c, '\u{85}' | '\u{200e}' | '\u{200f}' | '\u{2028}' | '\u{2029}' | '\u{feff}')
 }

@@ -24,7 +24,7 @@ use crate::watch::options::{Load, Refusal, WatchOptions};
 use crate::watch::previews::{Reduction, levels};
 use crate::watch::settling::Settling;
 
-/// Maximum time before continuous changes are handled.
+/// Maximum time for which changes are collected before they are handled.
 const LONGEST: Duration = Duration::from_millis(300);
 /// Interval between inspections if there are no notifications.
 const POLL: Duration = Duration::from_millis(500);

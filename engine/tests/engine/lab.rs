@@ -276,7 +276,7 @@ impl Log {
         keys
     }
 
-    /// The errors as printed.
+    /// The errors of the run, as printed.
     pub fn failures(&self) -> String {
         self.outcome.failures.as_ref().map(|failures| failures.render(false)).unwrap_or_default()
     }

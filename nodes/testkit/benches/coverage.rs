@@ -30,7 +30,7 @@ struct Effort {
 const WHOLE: Effort = Effort { seeds: 20, truth: (8, 256), most: 256 };
 /// A small amount of work, to check that the benchmark runs.
 const SMALL: Effort = Effort { seeds: 2, truth: (2, 8), most: 8 };
-/// Error bound (`max_error`) in the measurement with an error bound.
+/// Value of `max_error` in the measurement with an error bound.
 const ASKED: f64 = 0.03;
 /// Side of the tiles to which the error bound applies, in pixels.
 const TILE: usize = 8;

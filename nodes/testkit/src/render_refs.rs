@@ -1,4 +1,4 @@
-//! Scenes of `render-refs`.
+//! Loads the scenes of `render-refs`, and traces them.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -15,7 +15,7 @@ use nodes::types::{Camera, Environment, Mesh, Placed, Rig};
 
 use crate::{Data, thread_seconds};
 
-/// Scene prepared for tracing.
+/// A scene of `render-refs`, prepared for tracing.
 pub struct Case {
     data: Data,
     /// Folder of the scene, relative to the data folder.
@@ -146,7 +146,7 @@ impl Case {
         Traced { seconds: seconds - setup, setup, counts, out, notes }
     }
 
-    /// The RGB of a reference render.
+    /// The RGB samples of a reference render.
     pub fn reference(&self, file: &str) -> Vec<f32> {
         let planes = exr::read(file, &self.data.bytes(&format!("{}/{file}", self.folder))).unwrap();
         let [r, g, b] = ["R", "G", "B"].map(|name| planes.find(name).unwrap());

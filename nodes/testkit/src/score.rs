@@ -4,7 +4,7 @@ use nodes::math::color::luminance;
 use nodes::math::num;
 use nodes::types::Images;
 
-/// RGB of the first picture.
+/// RGB samples of the first picture.
 pub fn rgb(images: &Images) -> Vec<f32> {
     let picture = &images.0[0].picture;
     picture.samples().chunks(picture.size().2).flat_map(|p| [p[0], p[1], p[2]]).collect()

@@ -10,7 +10,7 @@ use crate::session::{Error, GraphArgs, Loaded, cache_folder, size, time};
 use crate::terminal;
 use crate::terminal::print;
 
-/// Maintains the cache: contents, damage, size.
+/// Maintains the cache: prints its contents, finds damage, limits its size.
 #[derive(Debug, Args)]
 pub struct Cache {
     #[command(subcommand)]

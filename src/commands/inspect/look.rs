@@ -26,11 +26,11 @@ const SIDE: usize = 1000;
 const VIEW: [usize; 2] = [664, 498];
 /// Number of views.
 const VIEWS: usize = 4;
-/// Width and height of the printed cameras, in pixels.
+/// Width and height in pixels of the cameras that are printed.
 const PRINTED: [u32; 2] = [1280, 720];
 /// Height above the floor of the cameras that show the views, in metres: the eye level of a person.
 const EYES: f64 = 1.55;
-/// Width of the picture of a panorama, in pixels.
+/// Width of the picture that is drawn for a panorama, in pixels.
 const PANORAMA: usize = 1600;
 
 /// The contents of the plan and the views.

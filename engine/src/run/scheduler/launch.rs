@@ -18,7 +18,7 @@ use crate::value::units::bytes_text;
 
 /// Pause before the second check of whether a result is still being computed elsewhere.
 const FIRST_PAUSE: Duration = Duration::from_millis(5);
-/// Maximum pause between two such checks.
+/// Maximum pause between two checks of whether a result is still being computed elsewhere.
 const LONGEST_PAUSE: Duration = Duration::from_millis(80);
 /// A node is short if its forecast in seconds is below this. Short nodes do not wait for other nodes to end.
 const SHORT: f64 = 1.0;

@@ -72,7 +72,7 @@ pub(crate) struct Run<'a> {
     unstarted: Vec<Unstarted<'a>>,
     /// The nodes whose code is to run.
     queue: Queue,
-    /// Bytes of values and of running code.
+    /// Memory taken by values and reserved for running code.
     memory: Memory,
     /// Keys of this run.
     known: Known,

@@ -90,7 +90,7 @@ fn degraded(splats: &Splats, tilt_deg: f64, jitter: f64) -> Splats {
 struct Score {
     /// Median deviation within 1 m of the foot, measured along the ray of each pixel, in millimetres.
     median: f64,
-    /// 90th percentile of this deviation, in millimetres.
+    /// 90th percentile of the deviation of which `median` is the median, in millimetres.
     most: f64,
     /// Percentage of the pixels with a surface in the ground truth where the mesh has no surface.
     holes: f64,
