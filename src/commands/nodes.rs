@@ -129,7 +129,7 @@ fn found(registry: &Registry, word: &str, width: usize) -> Result<String, Error>
     Ok(text)
 }
 
-/// Column at which the text next to names begins.
+/// Column at which descriptions begin, to the right of the names.
 const COLUMN: usize = 23;
 
 fn describe(kind: &KindEntry, width: usize) -> String {

@@ -13,9 +13,9 @@ use super::error::Error;
 pub struct Origin {
     pub source: Source,
     pub root: SourceRoot,
-    /// Path of the lock of the graph, for a graph file or bundle.
+    /// Path of the lock file, if the graph comes from a graph file or a bundle.
     pub lock: Option<PathBuf>,
-    /// The recipe, for a graph from a picture.
+    /// The recipe, if the graph comes from a picture.
     pub recipe: Option<Recipe>,
     /// Temporary folder of an unpacked bundle.
     pub unpacked: Option<TempFolder>,

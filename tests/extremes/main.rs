@@ -23,14 +23,14 @@ const MUTATIONS: &str = include_str!("mutations.tsv");
 #[derive(Debug)]
 struct Test {
     name: String,
-    /// Path relative to the workspace.
+    /// Path of the source file, relative to the workspace.
     file: String,
 }
 
 /// A changed expression that a test must detect.
 struct Mutation {
     test: &'static str,
-    /// Path relative to the workspace.
+    /// Path of the file with the expression, relative to the workspace.
     file: &'static str,
     before: &'static str,
     after: &'static str,

@@ -179,7 +179,7 @@ impl Config {
         };
         if said != *self {
             let what = format!(
-                "it describes a model with the sizes {said:?}, but `{}` contains a model with the sizes {self:?}",
+                "the model that it describes has other sizes than the model in `{}`; use the `config.json` of that model",
                 file.display()
             );
             return Err(Error::file(&path, what));
