@@ -165,7 +165,10 @@ impl<'a> Decoder<'a> {
 
     fn take(&mut self, count: usize) -> Result<&'a [u8], Corrupt> {
         let (head, rest) = self.rest.split_at_checked(count).ok_or_else(|| {
-            Corrupt(format!("{count} bytes are needed, but only {} remain", self.rest.len()))
+            Corrupt(format!(
+                "the data ends too early (bytes needed: {count}, remaining: {})",
+                self.rest.len()
+            ))
         })?;
         self.rest = rest;
         Ok(head)
@@ -178,7 +181,7 @@ impl<'a> Decoder<'a> {
         match usize::try_from(count) {
             Ok(n) if n.checked_mul(size.max(1)).is_some_and(|b| b <= self.rest.len()) => Ok(n),
             _ => Err(Corrupt(format!(
-                "a list claims to hold {count} elements, but only {} bytes remain",
+                "a list claims to hold more elements than the data can contain (elements: {count}, remaining bytes: {})",
                 self.rest.len()
             ))),
         }
@@ -191,7 +194,7 @@ impl<'a> Decoder<'a> {
         match count.checked_mul(size) {
             Some(bytes) if bytes <= self.rest.len() => Ok(count),
             _ => Err(Corrupt(format!(
-                "a list claims to hold {count} elements, but only {} bytes remain",
+                "a list claims to hold more elements than the data can contain (elements: {count}, remaining bytes: {})",
                 self.rest.len()
             ))),
         }

@@ -68,11 +68,12 @@ impl TrainLora {
         let done = lora::train(panoramas, &plan, out, &is_stopped, &mut show).map_err(|e| e.to_string())?;
         follow.end();
         if !done {
-            terminal::error("interrupted; the same command continues from here");
+            terminal::error("interrupted; run the same command again to continue");
             return Ok(130);
         }
         let loss = smooth.map_or(String::new(), |loss| format!(", loss {loss:.4}"));
-        terminal::print(&format!("{}: {steps} steps{loss}\n", out.display())).map_err(|e| e.to_string())?;
+        terminal::print(&format!("wrote {} (steps: {steps}{loss})\n", out.display()))
+            .map_err(|e| e.to_string())?;
         Ok(0)
     }
 }

@@ -103,7 +103,7 @@ impl TrainExposure {
         let trained = training::train(panoramas, &plan, &parts, &mut show).map_err(|e| e.to_string())?;
         follow.end();
         let Some(trained) = trained else {
-            terminal::error("interrupted; the same command continues from here");
+            terminal::error("interrupted; run the same command again to continue");
             return Ok(130);
         };
         cache::publish_file(&self.out, &trained.weights).map_err(|e| e.to_string())?;
@@ -118,7 +118,7 @@ impl TrainExposure {
             cache::publish_file(path, trained.numbers.as_bytes()).map_err(|e| e.to_string())?;
         }
         let text = format!(
-            "{}{}{}: {} bytes\n",
+            "{}{}wrote {} (bytes: {})\n",
             table("", &trained.scores),
             table(", finer", &trained.finer),
             self.out.display(),

@@ -114,7 +114,7 @@ impl Kontext {
         let unit = if settings.seamless { 32 } else { 16 };
         if height == 0 || width == 0 || height % 16 != 0 || width % unit != 0 {
             return Err(Error::Mismatch(format!(
-                "cannot edit a picture of {width} x {height} pixels: the height must be a multiple of 16, and the width of {unit}"
+                "cannot edit a picture of {width} x {height} pixels: the height must be a multiple of 16, and the width a multiple of {unit}"
             )));
         }
         // Encoding and decoding take about as long as a step.
