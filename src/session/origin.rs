@@ -96,8 +96,8 @@ impl Origin {
         )
     }
 
-    /// Opens a graph file. A graph file in a folder that contains the marker file of an unpacked bundle is
-    /// untrusted.
+    /// Opens a graph file. The graph file is untrusted if its folder, or a parent of that folder, contains the
+    /// marker file of an unpacked bundle.
     fn own(
         mut source: Source,
         folder: PathBuf,

@@ -29,7 +29,7 @@ struct State {
 }
 
 impl Measuring {
-    /// A display of the progress through `of` settings; `None` if their number is not known.
+    /// A display of the progress through `of` settings. `of` is `None` if the number of settings is not known.
     pub fn new(of: Option<usize>) -> Self {
         let target = if std::io::stderr().is_terminal() {
             ProgressDrawTarget::stderr_with_hz(12)
