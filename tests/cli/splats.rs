@@ -4,8 +4,8 @@ use std::fmt::Write as _;
 
 use crate::Place;
 
-/// An INRIA PLY with a floor of flat splats and round splats above it. +z is up, and the width is 10 times `scale`.
-/// `log` must be the logarithm of `scale`.
+/// An INRIA PLY file with a floor of flat splats, and with round splats above the floor. +z is up, and the floor is
+/// 10 times `scale` wide. `log` must be the natural logarithm of `scale`.
 fn room(scale: f32, log: f32) -> Vec<u8> {
     let fields = "x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3";
     let mut text = "ply\nformat binary_little_endian 1.0\nelement vertex 900\n".to_owned();
