@@ -99,7 +99,7 @@ const COARSE: usize = 64;
 
 impl Kind for PredictExposure {
     const NAME: &'static str = "predict-exposure";
-    const VERSION: u32 = 13;
+    const VERSION: u32 = 14;
     const READS: &'static [ContextField] = &[ContextField::Exhaustive];
     const DATA: &'static [u8] = network::WEIGHTS;
     const SUPPLIED: Option<&'static str> = kontext::SUPPLIED;
@@ -394,7 +394,7 @@ fn report(method: &Method, clipped: u64, pixels: u64, regions: &[RegionLight]) -
         "mean gain (stops)",
         "peak gain (stops)",
         "uncertainty of the mean gain (stops)",
-        "taken for",
+        "treated as",
     ];
     let row = |r: &RegionLight| {
         let numbers = [r.azimuth_deg, r.elevation_deg, r.solid_angle, r.mean_log2_gain, r.peak_log2_gain];
