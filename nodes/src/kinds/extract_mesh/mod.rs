@@ -215,9 +215,9 @@ impl Kind for ExtractMesh {
         let mut tables = vec![report::counts(&[
             ("places", places.eyes.len()),
             ("places taken from `around` and `cameras`", places.given),
-            ("places too near to a surface", places.failed),
-            ("views from above", places.steep),
-            ("cubes of cells", held),
+            ("candidate places too near to a surface", places.failed),
+            ("views of `around` from above", places.steep),
+            ("cubes of cells that were fused", held),
             ("triangles before simplification", raw),
             ("triangles", mesh.triangles.len()),
             ("vertices", mesh.positions.len()),
