@@ -48,7 +48,7 @@ pub struct Node {
     pub(crate) step: Arc<dyn Step>,
 }
 
-/// Reads the parameters of a kind with `read`, from their canonical texts.
+/// Parses the parameters of a kind from their canonical texts, by calling `read`.
 fn read<T>(
     kind: &'static str,
     values: &[(&'static str, String)],

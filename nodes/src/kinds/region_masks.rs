@@ -127,10 +127,11 @@ impl Kind for RegionMasks {
     }
 }
 
-/// Checks that at most one source of the shadow is wired, and that `with` and `without` are wired together.
+/// Checks that at most one source of the shadow is wired, and that `with` and `without` are either both wired or
+/// both unwired.
 fn check_shadow([shadow, with, without]: [bool; 3]) -> Result<(), NodeError> {
     if with != without {
-        return Err(NodeError::new("`with` and `without` must be wired together").at(if with {
+        return Err(NodeError::new("`with` and `without` must both be wired, or neither").at(if with {
             "with"
         } else {
             "without"

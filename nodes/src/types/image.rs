@@ -157,7 +157,7 @@ impl From<Image<Data>> for Picture {
     }
 }
 
-/// A picture of a set, with its name.
+/// A picture in a set, with its name.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NamedImage {
     /// Name of the view, as in the rig; replaces `{view}` in paths.
