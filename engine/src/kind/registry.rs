@@ -85,7 +85,7 @@ pub(crate) fn read_params<P: Params>(fields: &mut Fields<'_, '_>) -> Option<P> {
     })
 }
 
-/// A kind in the form that the engine uses.
+/// A registered kind: its description, and functions that call its code.
 pub struct KindEntry {
     /// Kebab-case name.
     pub name: &'static str,

@@ -84,7 +84,7 @@ impl Line {
         self.untimed.get(kind).into_iter().flatten().map(|(_, place)| place.1)
     }
 
-    /// Checks in debug builds that the line consists of the nodes `wanted`. `time` returns the estimate of a node.
+    /// Checks, in debug builds only, that the line consists of the nodes `wanted`. `time` returns the estimate of a node.
     pub fn check(&self, wanted: BTreeSet<Place>, time: impl Fn(usize) -> TimeEstimate) {
         let mut line = Self::default();
         wanted.iter().for_each(|place| line.insert(*place, &time(place.1)));

@@ -21,7 +21,7 @@ pub(crate) struct Parked {
     pub key: Digest,
     /// Start of the wait; `None` once the wait has been reported.
     pub since: Option<Instant>,
-    /// Time of the next attempt.
+    /// Time of the next attempt to unpark the node.
     pub when: Instant,
     pub pause: Duration,
 }
@@ -218,7 +218,7 @@ impl Queue {
         }
     }
 
-    /// Checks in debug builds that the queue agrees with the slots.
+    /// Checks, in debug builds only, that the queue agrees with the slots.
     pub fn check(&self, slots: &[Slot]) {
         let of = |lives: &'static [Life]| {
             slots.iter().enumerate().filter(move |(_, slot)| lives.contains(&slot.life))

@@ -126,7 +126,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Ends a rerun that only provides values, whatever its outcome.
+    /// Ends a rerun that only provides values, whether it succeeded or failed.
     pub fn end_remake(&mut self, index: usize) {
         let slot = &mut self.slots[index];
         if slot.remaking.is_none() {
