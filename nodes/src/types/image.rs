@@ -237,7 +237,7 @@ impl Artifact for Images {
         for (a, b) in self.0.iter().zip(&other.0) {
             if a.name != b.name || a.picture.encoding() != b.picture.encoding() {
                 return Difference::of(format!(
-                    "view {} ({}) and {} ({})",
+                    "views {} ({}) and {} ({})",
                     a.name,
                     a.picture.encoding(),
                     b.name,

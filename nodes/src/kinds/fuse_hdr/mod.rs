@@ -87,7 +87,7 @@ engine::inputs! {
 engine::outputs! {
     /// Outputs of `fuse-hdr`.
     pub struct Out {
-        /// Linear light from every direction, at the point of the panorama.
+        /// Linear light from every direction, at the point where the panorama was captured.
         env: Arc<Environment>,
         /// Each recovered light, and the energy before and after fusion.
         report: Arc<Report>,

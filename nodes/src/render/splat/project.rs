@@ -93,7 +93,7 @@ impl Projected {
         Self { chunks, splats: 0, faint: 0, behind: 0, log2_cut: 0.0, period: None }
     }
 
-    /// For each chunk, lists the footprints that touch each of these rows of tiles, in file order.
+    /// For each chunk and each row of tiles in `rows`, lists the footprints that touch that row, in file order.
     pub(super) fn listed(&self, rows: &Range<usize>, cx: &Context) -> Result<Vec<Listed<Entry>>, NodeError> {
         cx.for_each_tile(self.chunks.len(), |chunk| {
             let number = (chunk << CHUNK_BITS) as u32;
