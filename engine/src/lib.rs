@@ -84,7 +84,7 @@
 //! - No code recurses over the graph: a chain may be as long as memory allows.
 //!
 //! # Modules
-//! The folders of `src` are layers: `value`, `text`, `kind`, `graph`, `record`, `run`, `plan`, `watch`, `share`. A
+//! The folders of `src` are layers: `value`, `text`, `kind`, `graph`, `record`, `remote`, `run`, `plan`, `watch`, `share`. A
 //! module uses only its own layer and the layers before it.
 
 #![allow(
@@ -98,6 +98,7 @@ mod graph;
 mod kind;
 mod plan;
 mod record;
+mod remote;
 mod run;
 mod share;
 mod text;
@@ -125,6 +126,10 @@ pub use plan::diff::{
 pub use plan::lock::{Lock, LockDifferences, LockError};
 pub use plan::plan::{Fate, Past, Planned, Why};
 pub use record::record::{Spent, blobs_of};
+pub use remote::entry::Entry;
+pub use remote::error::ActionError;
+pub use remote::shared::SharedResults;
+pub use run::action::ActionDone;
 pub use run::engine::Engine;
 pub use run::event::{Event, Forecast, State, Totals};
 pub use run::options::{Outcome, RunOptions};

@@ -13,4 +13,5 @@ pub(crate) mod node;
 pub(crate) mod order;
 pub(crate) mod reads;
 pub(crate) mod reparse;
+pub(crate) mod surroundings;
 pub(crate) mod wires;

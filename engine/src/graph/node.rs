@@ -139,6 +139,35 @@ impl Node {
     }
 }
 
+/// A node that belongs to no graph, with these parameters as (name, text) and these wires.
+///
+/// # Errors
+/// The first mistake in the parameters.
+pub(crate) fn node_of_parameters(
+    kind: Arc<KindEntry>,
+    parameters: &[(String, String)],
+    inputs: Vec<Vec<Wire>>,
+) -> Result<Node, String> {
+    let names = || kind.params.iter().map(|param| param.name);
+    if let Some((name, _)) = parameters.iter().find(|(name, _)| !names().any(|known| known == name)) {
+        return Err(format!("`{}` has no parameter `{name}`", kind.name));
+    }
+    if let Some(name) = names().find(|known| !parameters.iter().any(|(name, _)| name == known)) {
+        return Err(format!("it states no `{name}`, a parameter of `{}`", kind.name));
+    }
+    let fields: Vec<RawField<'_>> =
+        parameters.iter().map(|(name, text)| RawField::plain(name, text.as_str())).collect();
+    let mut diagnostics = Vec::new();
+    let mut fields =
+        Fields { fields: &fields, node_span: 0..0, kind: kind.name, diagnostics: &mut diagnostics };
+    let step = (kind.read)(&mut fields);
+    let mistake = || diagnostics.first().map_or_else(String::new, |mistake| mistake.message.clone());
+    let step = step.ok_or_else(mistake)?;
+    step.check().map_err(|error| error.to_string())?;
+    let (id, point, places) = (kind.name.to_owned(), Point::new(), FieldPlaces::new());
+    Ok(Node { id, kind, inputs, sink_path: None, point, span: 0..0, places, step })
+}
+
 impl KindEntry {
     /// Reads parameters from the output of [`Node::texts`]; `None` if this kind rejects them.
     pub(crate) fn step_of(&self, texts: &[u8]) -> Option<Arc<dyn Step>> {

@@ -46,6 +46,20 @@ impl Threads {
         code()
     }
 
+    /// Runs code that only waits, within [`occupied`](Self::occupied). Meanwhile the calling thread does not count
+    /// as busy, so that a helper can take its place.
+    pub fn waiting<T>(&self, code: impl FnOnce() -> T) -> T {
+        struct Again<'t>(&'t AtomicUsize);
+        impl Drop for Again<'_> {
+            fn drop(&mut self) {
+                self.0.fetch_add(1, Ordering::Relaxed);
+            }
+        }
+        self.busy.fetch_sub(1, Ordering::Relaxed);
+        let _again = Again(&self.busy);
+        code()
+    }
+
     fn has_room(&self) -> bool {
         self.busy.load(Ordering::Relaxed) < self.limit
     }

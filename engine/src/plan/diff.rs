@@ -7,8 +7,8 @@ use cache::{Change, Digest};
 use crate::graph::graph::Graph;
 use crate::graph::node::Wire;
 use crate::plan::plan::{Fate, Outlook};
+use crate::run::code::stored_value;
 use crate::run::engine::Engine;
-use crate::run::job::stored_value;
 use crate::value::artifact::{AnyArtifact, Difference};
 use crate::value::files::Files;
 

@@ -9,8 +9,9 @@ use crate::graph::node::Wire;
 use crate::kind::contract::Keep;
 use crate::record::action::{Action, last_outputs, read_sources};
 use crate::record::record::Output;
+use crate::run::code::stored_value;
 use crate::run::engine::Engine;
-use crate::run::job::{context_of, stored_value};
+use crate::run::job::context_of;
 use crate::value::artifact::{AnyArtifact, Artifact, decode_all};
 use crate::value::error::guarded;
 
@@ -19,17 +20,20 @@ impl Engine {
     /// recomputed with the nodes upstream of it. `None` if neither gives a value that has the digest of the last
     /// run. For tests and viewers.
     pub fn value<A: Artifact>(&self, graph: &Graph, wire: Wire) -> Option<A> {
-        let output = self.last_output(graph, wire)?;
-        let bytes = match output.stored {
-            true => self.store.get_blob(&output.digest).ok()??,
-            false => {
-                let value = self.made_again(graph, wire)?;
-                let artifact = &graph.nodes[wire.node].kind.outputs[wire.port].artifact;
-                let bytes = guarded(|| Ok((artifact.encode)(&value))).ok()?;
-                Some(bytes).filter(|bytes| Digest::of(bytes) == output.digest)?
-            }
-        };
+        let bytes = self.encoded(graph, wire, &self.last_output(graph, wire)?)?;
         guarded(|| Ok(decode_all(&bytes)?)).ok()
+    }
+
+    /// The canonical bytes of an output whose digest is known: from the store, or computed again from the results of
+    /// the last run of the graph.
+    pub(crate) fn encoded(&self, graph: &Graph, wire: Wire, output: &Output) -> Option<Vec<u8>> {
+        if output.stored {
+            return self.store.get_blob(&output.digest).ok()?;
+        }
+        let value = self.made_again(graph, wire)?;
+        let artifact = &graph.nodes[wire.node].kind.outputs[wire.port].artifact;
+        let bytes = guarded(|| Ok((artifact.encode)(&value))).ok()?;
+        Some(bytes).filter(|bytes| Digest::of(bytes) == output.digest)
     }
 
     fn last_output(&self, graph: &Graph, wire: Wire) -> Option<Output> {

@@ -15,9 +15,10 @@ use crate::record::action::{
 };
 use crate::record::pace::Pace;
 use crate::record::record::{Output, Record, Spent};
+use crate::run::code::{encode, stored_value};
 use crate::run::engine::Engine;
 use crate::run::event::Forecast;
-use crate::run::job::{context_of, encode, stored_value};
+use crate::run::job::context_of;
 use crate::run::previous::Cone;
 use crate::text::values::parse_value;
 use crate::value::artifact::AnyArtifact;

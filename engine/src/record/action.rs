@@ -6,6 +6,7 @@ use cache::{Digest, Key, Manifest, Store};
 
 use crate::graph::graph::Graph;
 use crate::graph::node::{Node, Wire};
+use crate::graph::surroundings::Surroundings;
 use crate::kind::context::{ContextField, ReadSource};
 use crate::kind::contract::Sizes;
 use crate::record::key::node_key;
@@ -75,8 +76,9 @@ pub(crate) fn prepare<'s>(
         let sources_of = |node: usize| if node == index { sources.as_slice() } else { sources_above(node) };
         Arc::from(recipe(graph, index, sources_of))
     });
-    let key = node_key(graph, index, output, &sources, recipe.as_deref(), memory)?;
-    Ok(Action { sources, recipe, key: Some(key) })
+    let around = Surroundings::of(graph, index, recipe);
+    let key = node_key(node, &around, output, &sources, memory)?;
+    Ok(Action { sources, recipe: around.recipe, key: Some(key) })
 }
 
 fn digest_source(store: &Store, node: &Node, file: SourceFile) -> Result<ReadSource, NodeError> {

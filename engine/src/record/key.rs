@@ -5,9 +5,10 @@
 
 use cache::{Digest, Key, KeyWriter};
 
-use crate::graph::graph::Graph;
-use crate::graph::node::Wire;
+use crate::graph::node::{Node, Wire};
+use crate::graph::surroundings::Surroundings;
 use crate::kind::context::{ContextField, ReadSource};
+use crate::kind::scene::Scene;
 use crate::record::record::Output;
 
 /// Text that is part of every key. It is changed when the encoding of keys or records changes.
@@ -17,14 +18,14 @@ const PART_FORMAT: &str = "lightharmony part 1";
 /// The key of a node with known inputs, using `memory` as a buffer. `output` returns the output from which a wire
 /// comes.
 pub(crate) fn node_key<'s>(
-    graph: &Graph,
-    index: usize,
+    node: &Node,
+    around: &Surroundings,
     output: impl Fn(Wire) -> &'s Output,
     sources: &[ReadSource],
-    recipe: Option<&str>,
     memory: Vec<u8>,
 ) -> Result<Key, cache::KeyError> {
-    let (node, scene) = (&graph.nodes[index], &graph.scene);
+    let Surroundings { scene, wired, points, recipe } = around;
+    let Scene { up, metres_per_unit, seed, exhaustive } = *scene;
     let mut to = KeyWriter::in_memory_of(memory, FORMAT);
     to.str("kind", node.kind.name);
     to.u64("version", node.kind.version.into());
@@ -49,24 +50,24 @@ pub(crate) fn node_key<'s>(
     });
     for field in node.kind.reads {
         match field {
-            ContextField::Up => to.str("scene.up", scene.up.name()),
-            ContextField::MetresPerUnit => to.f64("scene.metres_per_unit", scene.metres_per_unit),
-            ContextField::Seed => to.u64("scene.seed", scene.seed),
-            ContextField::Exhaustive => to.u64("scene.exhaustive", scene.exhaustive.into()),
+            ContextField::Up => to.str("scene.up", up.name()),
+            ContextField::MetresPerUnit => to.f64("scene.metres_per_unit", metres_per_unit),
+            ContextField::Seed => to.u64("scene.seed", seed),
+            ContextField::Exhaustive => to.u64("scene.exhaustive", exhaustive.into()),
             ContextField::Wired => {
-                for (port, names) in graph.wired(index).0 {
+                for (port, names) in &wired.0 {
                     to.list(&format!("wired.{port}"), |to| names.iter().for_each(|name| to.str("", name)));
                 }
             }
             ContextField::Points => {
-                for (port, points) in graph.points(index) {
+                for (port, points) in points {
                     for (place, point) in points.iter().enumerate() {
                         let name = |axis: &str| format!("points.{port}.{place}.{axis}");
                         point.iter().for_each(|(axis, value)| to.str(&name(axis), value));
                     }
                 }
             }
-            ContextField::Recipe => to.str("recipe", recipe.unwrap_or_default()),
+            ContextField::Recipe => to.str("recipe", recipe.as_deref().unwrap_or_default()),
         }
     }
     to.finish()

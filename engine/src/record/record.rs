@@ -163,7 +163,7 @@ impl Record {
     }
 
     /// Digests of the stored values that a record names. The record may belong to a node of any kind.
-    fn stored_blobs(bytes: &[u8]) -> Result<Vec<Digest>, Corrupt> {
+    pub fn stored_blobs(bytes: &[u8]) -> Result<Vec<Digest>, Corrupt> {
         let mut from = Decoder::new(Decoder::new(bytes).raw()?);
         let mut blobs = Vec::new();
         for _ in 0..from.length(53)? {
@@ -180,6 +180,15 @@ impl Record {
     /// # Errors
     /// If the bytes are not a record of a node.
     pub fn keeping(bytes: &[u8], kept: impl Fn(&Digest) -> bool) -> Result<Vec<u8>, Corrupt> {
+        Self::marking(bytes, |digest, stored| stored && kept(digest))
+    }
+
+    /// A copy of a stored record in which those values are marked as stored for which `mark` returns true. Its
+    /// arguments are the digest of the value, and whether the value is marked in `bytes`.
+    ///
+    /// # Errors
+    /// If the bytes are not a record of a node.
+    pub fn marking(bytes: &[u8], mark: impl Fn(&Digest, bool) -> bool) -> Result<Vec<u8>, Corrupt> {
         let mut from = Decoder::new(bytes);
         let body = from.raw_range(bytes)?;
         let mut outputs = Decoder::new(&bytes[body.clone()]);
@@ -187,7 +196,7 @@ impl Record {
         for _ in 0..outputs.length(53)? {
             let output = StoredOutput::read(&mut outputs)?;
             // The last byte of an output is the flag `stored`.
-            whole[body.end - outputs.left() - 1] = u8::from(output.stored && kept(&output.digest));
+            whole[body.end - outputs.left() - 1] = u8::from(mark(&output.digest, output.stored));
         }
         Ok(whole)
     }

@@ -6,6 +6,7 @@ use std::sync::{Arc, OnceLock};
 use cache::Store;
 
 use crate::kind::tiles::Threads;
+use crate::remote::shared::SharedResults;
 use crate::run::value_cache::{ValueCache, default_memory};
 use crate::run::warm::Warm;
 
@@ -19,6 +20,8 @@ pub struct Engine {
     prepared: OnceLock<Arc<ValueCache>>,
     /// State kept from one run to the next; see [`keeping`](Self::keeping).
     pub(crate) warm: Option<Warm>,
+    /// Results on another machine; see [`sharing`](Self::sharing).
+    pub(crate) shared: Option<Arc<dyn SharedResults>>,
 }
 
 /// Limits that apply to all runs.
@@ -36,7 +39,14 @@ impl Engine {
     /// first needs them.
     pub fn new(store: Store, jobs: usize, memory: u64) -> Self {
         let (limits, threads) = (OnceLock::new(), OnceLock::new());
-        Self { store: Arc::new(store), jobs, memory, limits, threads, prepared: OnceLock::new(), warm: None }
+        let (store, prepared) = (Arc::new(store), OnceLock::new());
+        Self { store, jobs, memory, limits, threads, prepared, warm: None, shared: None }
+    }
+
+    /// Makes runs look for results that are not in the store in `shared`, and offer new results to it. A plan does
+    /// not use it.
+    pub fn sharing(self, shared: Arc<dyn SharedResults>) -> Self {
+        Self { shared: Some(shared), ..self }
     }
 
     /// Returns the limits, which are determined on the first call.

@@ -7,6 +7,7 @@ use cache::Digest;
 
 use crate::kind::context::ReadSource;
 use crate::record::record::Record;
+use crate::remote::entry::Entry;
 use crate::run::event::Event;
 use crate::value::artifact::AnyArtifact;
 use crate::value::counts::Effort;
@@ -19,10 +20,16 @@ pub(crate) enum Message {
         node: usize,
         sources: Result<Vec<ReadSource>, NodeError>,
     },
+    /// The answer of the results that machines share.
+    Asked {
+        node: usize,
+        found: Result<Option<Box<Entry>>, NodeError>,
+    },
+    /// The value is `None` if it is not available. An error means that it must not be computed here.
     Loaded {
         node: usize,
         port: usize,
-        value: Option<AnyArtifact>,
+        value: Result<Option<AnyArtifact>, NodeError>,
     },
     /// The result of the node or of one of its parts is being computed elsewhere.
     Busy {

@@ -1,6 +1,8 @@
 //! Running a graph: scheduling, memory, threads, output files, events.
 
+pub(crate) mod action;
 pub(crate) mod claims;
+pub(crate) mod code;
 pub(crate) mod engine;
 pub(crate) mod event;
 pub(crate) mod job;
@@ -9,6 +11,7 @@ pub(crate) mod line;
 pub(crate) mod memory;
 pub(crate) mod message;
 pub(crate) mod options;
+pub(crate) mod parts;
 pub(crate) mod previous;
 pub(crate) mod queue;
 pub(crate) mod scheduler;

@@ -18,6 +18,8 @@ pub(crate) enum Life {
     Waiting,
     /// The source files of the node are being digested.
     Reading,
+    /// The result is not in the store, and is being looked up in the results that machines share.
+    Asking,
     /// The result is not in the store; the node waits until its input values may be loaded.
     Ready,
     /// The input values are being loaded.
@@ -122,10 +124,10 @@ impl Slot {
         }
     }
 
-    /// True if the node computes the result for its key. Other nodes with the same key wait for it.
+    /// True if the node computes or looks up the result for its key. Other nodes with the same key wait for it.
     pub fn leads(&self) -> bool {
-        use Life::{Gathering, Parked, Queued, Ready, Running};
-        self.remaking.is_none() && matches!(self.life, Ready | Gathering | Queued | Parked | Running)
+        use Life::{Asking, Gathering, Parked, Queued, Ready, Running};
+        self.remaking.is_none() && matches!(self.life, Asking | Ready | Gathering | Queued | Parked | Running)
     }
 
     pub fn value(&self, port: usize) -> Option<&AnyArtifact> {

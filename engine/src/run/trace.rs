@@ -1,8 +1,10 @@
-//! Traces: the work of each thread over time.
+//! Traces: the work of each thread over time. Progress of nodes.
 
 use std::sync::mpsc::Sender;
-use std::time::Instant;
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
+use crate::graph::node::Node;
 use crate::run::event::Event;
 use crate::run::message::Message;
 use crate::run::workers::thread_number;
@@ -45,4 +47,20 @@ impl Tracer {
         // The scheduler outlives every job, so sending cannot fail.
         let _ = sender.send(Message::Event(event));
     }
+}
+
+/// Shortest time between two reports of a node's progress.
+const REPORT_EVERY: Duration = Duration::from_millis(50);
+
+/// Sends the progress of `node` as events, at most one per [`REPORT_EVERY`] until the node is done.
+pub(crate) fn progress(node: &Node, sender: Sender<Message>) -> Box<dyn Fn(f32) + Send + Sync> {
+    let (id, sender, last) = (node.id.clone(), Mutex::new(sender), Mutex::new(Instant::now()));
+    Box::new(move |fraction| {
+        let mut last = last.lock().unwrap_or_else(PoisonError::into_inner);
+        if fraction >= 1.0 || last.elapsed() > REPORT_EVERY {
+            *last = Instant::now();
+            let sender = sender.lock().unwrap_or_else(PoisonError::into_inner);
+            let _ = sender.send(Message::Event(Event::Progress { id: id.clone(), fraction }));
+        }
+    })
 }

@@ -1,5 +1,6 @@
 //! Sharing graphs: bundles, and recipes in pictures.
 
+pub(crate) mod action;
 pub(crate) mod bundle;
 pub(crate) mod pairing;
 pub(crate) mod recipe_error;

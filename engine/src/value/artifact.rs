@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use cache::{Digest, DigestWriter};
 
-use crate::value::error::guarded;
+use crate::value::error::{NodeError, guarded};
 
 /// A value that a port can carry.
 ///
@@ -331,6 +331,19 @@ pub fn decode_all<A: Artifact>(bytes: &[u8]) -> Result<A, Corrupt> {
     let value = A::decode(&mut from)?;
     from.end()?;
     Ok(value)
+}
+
+/// Decodes bytes that hold exactly one value. The code of the type may panic, which is an error here.
+///
+/// # Errors
+/// If the bytes are not a value of the type.
+pub(crate) fn decode_with(artifact: &ArtifactType, bytes: &[u8]) -> Result<AnyArtifact, NodeError> {
+    guarded(|| {
+        let value = (artifact.decode)(bytes)?;
+        // This, too, is code of a kind, and the scheduler calls it without a guard.
+        (artifact.bytes)(&value);
+        Ok(value)
+    })
 }
 
 // The graph check matched the type names before any value existed, so a mismatch is our bug.

@@ -1,5 +1,5 @@
 //! Paths of the files that a graph reads. A trusted graph may read any path, an untrusted graph only certain
-//! folders.
+//! folders, and an action only the files that were placed in its folder.
 
 use std::fs::File;
 use std::io::BufReader;
@@ -45,14 +45,29 @@ impl<'a> FileHead<'a> {
 #[derive(Debug, Clone)]
 pub struct SourceRoot {
     folder: PathBuf,
-    /// The folders that may be read, with links resolved; `None` if all folders may be read.
-    confined: Option<Arc<[PathBuf]>>,
+    reach: Reach,
+}
+
+/// The files that a graph may read.
+#[derive(Debug, Clone)]
+enum Reach {
+    Everything,
+    /// The files in these folders, with links resolved.
+    Folders(Arc<[PathBuf]>),
+    /// The files in one folder, with names from [`staged_name`].
+    Staged(Arc<Path>),
 }
 
 impl SourceRoot {
     /// A root for a trusted graph. Paths are relative to `folder`, the folder of the graph file.
     pub fn new(folder: impl Into<PathBuf>) -> Self {
-        Self { folder: folder.into(), confined: None }
+        Self { folder: folder.into(), reach: Reach::Everything }
+    }
+
+    /// A root for the source files of an action, which were placed in `folder` under their [`staged_name`]. No file
+    /// outside `folder` is named.
+    pub(crate) fn staged(folder: &Path) -> Self {
+        Self { folder: folder.to_owned(), reach: Reach::Staged(folder.into()) }
     }
 
     /// A root for an untrusted graph. No file outside `folder` and the folders in `also` is read, even if names or
@@ -66,7 +81,7 @@ impl SourceRoot {
         for other in also {
             allowed.push(other.canonicalize()?);
         }
-        Ok(Self { folder, confined: Some(allowed.into()) })
+        Ok(Self { folder, reach: Reach::Folders(allowed.into()) })
     }
 
     /// A root with the same permissions, for paths relative to another folder.
@@ -81,7 +96,7 @@ impl SourceRoot {
 
     /// True if the graph is untrusted.
     pub fn is_confined(&self) -> bool {
-        self.confined.is_some()
+        !matches!(self.reach, Reach::Everything)
     }
 
     /// The source file that a parameter names.
@@ -102,7 +117,14 @@ impl SourceRoot {
 
     fn resolve(&self, folder: &Path, name: &str) -> PathBuf {
         let path = folder.join(name);
-        let Some(allowed) = &self.confined else { return path };
+        let allowed = match &self.reach {
+            Reach::Everything => return path,
+            Reach::Folders(allowed) => allowed,
+            Reach::Staged(stage) => {
+                let inside = folder.strip_prefix(stage).ok().and_then(Path::to_str).unwrap_or_default();
+                return stage.join(staged_name(inside, name));
+            }
+        };
         match path.canonicalize() {
             // The path without links is opened, so that the file that was checked is the file that is read.
             Ok(real) if allowed.iter().any(|folder| real.starts_with(folder)) => real,
@@ -125,6 +147,37 @@ impl SourceRoot {
     pub fn is_outside(&self, file: &SourceFile) -> bool {
         file.path.starts_with(OUTSIDE)
     }
+}
+
+/// Folder of a stage that stands for the parent of the folder in which it is.
+const ABOVE: &str = "%up";
+/// Folder of a stage that stands for the root of the file system.
+const ROOT: &str = "%root";
+
+/// The path, relative to the stage of an action, of the file that a graph calls `name`. A relative name is relative
+/// to `folder`, which is itself such a path. The path has no `.` and no `..`: a folder that does not exist in the
+/// stage stands for each parent above it, and another for the root of the file system.
+pub(crate) fn staged_name(folder: &str, name: &str) -> String {
+    let mut path: Vec<String> = Vec::new();
+    if name.starts_with('/') {
+        path.push(ROOT.to_owned());
+    } else {
+        path.extend(folder.split('/').filter(|part| !part.is_empty()).map(str::to_owned));
+    }
+    for part in name.split('/') {
+        match part {
+            "" | "." => {}
+            ".." => match path.last().map(String::as_str) {
+                Some(ROOT) => {}
+                Some(ABOVE) | None => path.push(ABOVE.to_owned()),
+                Some(_) => drop(path.pop()),
+            },
+            // No file can be mistaken for one of the two folders.
+            _ if part.starts_with('%') => path.push(format!("%{part}")),
+            _ => path.push(part.to_owned()),
+        }
+    }
+    path.join("/")
 }
 
 /// A path that cannot be opened, since its first part is not a folder. The rest of the path is text that appears in
@@ -184,7 +237,36 @@ mod tests {
             assert_eq!(read(&root.beside(&main, name)), None, "{name}");
         }
         assert!(!root.is_outside(&file("gone.txt")) && read(&file("gone.txt")).is_none());
+        let stage = SourceRoot::staged(&at("in"));
+        for name in ["../secret/a.txt", "link/../../secret/a.txt", "/etc/passwd", "sub/../../../etc/passwd"] {
+            let path = stage.file(&InputFile(name.to_owned())).path;
+            assert!(path.starts_with(at("in")) && !path.exists(), "{}", path.display());
+        }
         let free = SourceRoot::new(at("in"));
         assert!(read(&free.file(&InputFile("../secret/a.txt".to_owned()))).is_some());
+    }
+
+    #[test]
+    fn a_staged_name_is_inside_the_stage_and_unambiguous() {
+        for (folder, name, staged) in [
+            ("", "a.ply", "a.ply"),
+            ("", "./a//b/./c.ply", "a/b/c.ply"),
+            ("", "a/../b.ply", "b.ply"),
+            ("", "../a.ply", "%up/a.ply"),
+            ("", "../../a.ply", "%up/%up/a.ply"),
+            ("%up", "../a.ply", "%up/%up/a.ply"),
+            ("%up/models", "../tex.png", "%up/tex.png"),
+            ("models", "/srv/a.ply", "%root/srv/a.ply"),
+            ("%root", "../../a.ply", "%root/a.ply"),
+            ("", "%up/a.ply", "%%up/a.ply"),
+            ("", "100%.ply", "100%.ply"),
+        ] {
+            assert_eq!(staged_name(folder, name), staged, "{name} in {folder}");
+        }
+        // A file that another file refers to has the same path, whichever way its name is read.
+        let stage = SourceRoot::staged(Path::new("/stage"));
+        let model = stage.file(&InputFile("../models/chair.gltf".to_owned()));
+        let texture = stage.beside(&model, "../tex/wood.png");
+        assert_eq!(texture.path, stage.file(&InputFile(texture.name.clone())).path);
     }
 }

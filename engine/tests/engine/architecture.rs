@@ -5,7 +5,8 @@ mod arrows;
 
 /// The modules of the engine from the lowest to the highest. A file imports only from its own module and from lower
 /// modules.
-const ROOMS: [&str; 9] = ["value", "text", "kind", "graph", "record", "run", "plan", "watch", "share"];
+const ROOMS: [&str; 10] =
+    ["value", "text", "kind", "graph", "record", "remote", "run", "plan", "watch", "share"];
 
 fn folder() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))

@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 #![allow(missing_docs, reason = "the names are self-explanatory")]
 
+mod actions;
 mod architecture;
 mod arithmetic;
 mod axes;

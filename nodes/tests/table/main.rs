@@ -58,17 +58,21 @@ impl Fixture {
     }
 
     fn run(&self, graph: &Graph) -> (Results, String) {
+        self.run_on(&self.engine, graph)
+    }
+
+    fn run_on(&self, engine: &Engine, graph: &Graph) -> (Results, String) {
         // Run every node, not only those that a sink needs.
         let only = (0..graph.nodes.len()).collect();
         let options = RunOptions { out: self.folder.clone(), only, ..RunOptions::default() };
         let mut results = Results::new();
-        let outcome = self.engine.run(graph, &options, |event| {
+        let outcome = engine.run(graph, &options, |event| {
             if let Event::Node { id, key: Some(key), state: State::Ran | State::Cached, .. } = event {
                 results.insert(id, (key, Vec::new()));
             }
         });
         for (id, result) in &mut results {
-            result.1 = self.engine.digests(graph, graph.find(id).unwrap()).unwrap();
+            result.1 = engine.digests(graph, graph.find(id).unwrap()).unwrap();
         }
         (results, outcome.failures.map(|f| f.to_string()).unwrap_or_default())
     }
@@ -305,4 +309,37 @@ fn equal_keys_give_the_outputs_they_have_always_given() {
         }
     }
     assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+/// Every node of the fixture is computed from an action folder by an engine without a cache, as a worker on another
+/// machine does it. A second engine takes the outputs and then finds all results, with the digests of the run in
+/// this process.
+#[test]
+fn every_kind_gives_the_same_bytes_from_an_action_folder() {
+    let fixture = shared();
+    let graph = fixture.parse(FIXTURE, &[]).unwrap_or_else(|e| panic!("{e}"));
+    let (here, failures) = fixture.run(&graph);
+    assert!(failures.is_empty(), "{failures}");
+    let worker = Engine::new(engine::Store::unavailable("a worker keeps nothing".to_owned()), 2, 8 << 30);
+    let taker = Engine::new(engine::Store::in_memory(), 2, 8 << 30);
+    let place = tempfile::tempdir().unwrap();
+    let (folder, out) = (place.path().join("action"), place.path().join("out"));
+    let cancel = Default::default();
+    for (index, node) in graph.nodes.iter().enumerate() {
+        let failed = |error: engine::ActionError| -> ! { panic!("{}: {error}", node.id) };
+        let key = fixture.engine.write_action(&graph, index, &folder).unwrap_or_else(|e| failed(e));
+        assert_eq!(key, here[&node.id].0, "{}", node.id);
+        let done = worker.run_action(&fixture.registry, &folder, &out, &cancel, |_| {});
+        let done = done.unwrap_or_else(|e| failed(e));
+        assert_eq!((done.key, done.kind), (key, node.kind.name));
+        taker.take_outputs(&fixture.registry, &folder, &out).unwrap_or_else(|e| failed(e));
+        std::fs::remove_dir_all(&folder).unwrap();
+        std::fs::remove_dir_all(&out).unwrap();
+    }
+    let only = (0..graph.nodes.len()).collect();
+    let options = RunOptions { out: place.path().to_owned(), only, ..RunOptions::default() };
+    assert_eq!(taker.run(&graph, &options, |_| {}).totals.ran, 0, "every result was taken");
+    let (there, failures) = fixture.run_on(&taker, &graph);
+    assert!(failures.is_empty(), "{failures}");
+    assert_eq!(there, here);
 }

@@ -138,6 +138,7 @@ impl<'a> Run<'a> {
         slot.storing = true;
         let job = Job {
             store: &engine.store,
+            shared: engine.shared.as_deref(),
             prepared: engine.prepared(),
             threads: engine.threads(),
             graph,

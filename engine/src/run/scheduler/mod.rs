@@ -10,6 +10,7 @@ mod failure;
 mod launch;
 mod placing;
 mod resolve;
+mod sharing;
 mod supply;
 
 use std::cell::LazyCell;
@@ -217,6 +218,7 @@ impl<'a> Run<'a> {
 
     fn receive(&mut self, message: Message) {
         self.act_on(message);
+        self.remark();
         // For large graphs this would dominate the run.
         if cfg!(debug_assertions) && self.slots.len() < 1000 {
             self.check();
@@ -233,11 +235,16 @@ impl<'a> Run<'a> {
                     Err(error) => self.fail(node, &error),
                 }
             }
+            Message::Asked { node, found } => {
+                self.count_message(node);
+                self.asked(node, found);
+            }
             Message::Loaded { node, port, value } => {
                 self.count_message(node);
                 match value {
-                    Some(value) => self.arrive(node, port, value),
-                    None => self.missing(node, port),
+                    Ok(Some(value)) => self.arrive(node, port, value),
+                    Ok(None) => self.missing(node, port),
+                    Err(error) => self.lose(node, Some(&error)),
                 }
             }
             Message::Busy { node, key, spent } => {
@@ -306,6 +313,7 @@ impl<'a> Run<'a> {
                 self.report_skipped(index);
             }
         }
+        self.remark();
         let store = &self.engine.store;
         // Removes names of nodes that the graph no longer has, such as instances at former axis values.
         let most = MIN_HISTORY.max(2 * self.graph.nodes.len());

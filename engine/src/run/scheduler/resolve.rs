@@ -65,6 +65,9 @@ impl Run<'_> {
         if let Some(record) = look_up(&self.engine.store, node, &key) {
             return self.settle(index, record, State::Cached, Effort::default());
         }
+        if self.ask(index, key) {
+            return;
+        }
         if let Err(error) = self.forecast(index) {
             return self.fail(index, &error);
         }

@@ -12,12 +12,15 @@ use cache::Digest;
 use crate::graph::node::Wire;
 use crate::record::record::Output;
 use crate::run::event::Event;
-use crate::run::job::stored_value;
 use crate::run::message::{Finished, Message, Owed};
+use crate::run::scheduler::sharing::{may_fetch, value_of};
 use crate::run::scheduler::{Run, Task};
 use crate::run::slot::{Life, Waiter};
 use crate::value::artifact::AnyArtifact;
 use crate::value::error::NodeError;
+
+/// The reason to run a node again if the store has only the digest of its value.
+const DIGEST_ONLY: &str = "only its digest was stored";
 
 impl<'a> Run<'a> {
     /// Requests the input values of ready nodes. About as many nodes as there are threads are supplied at once, and
@@ -73,16 +76,15 @@ impl<'a> Run<'a> {
         if let Some(value) = self.engine.warm.as_ref().and_then(|warm| warm.values.get(&output.name())) {
             return self.arrive(node, port, value);
         }
-        if !output.stored {
-            return self.remake(node, "only its digest was stored");
+        if !output.stored && !may_fetch(self.engine, &self.graph.nodes[node]) {
+            return self.remake(node, DIGEST_ONLY);
         }
         if slot.begin_loading(port) {
-            let (engine, graph, sender) = (self.engine, self.graph, self.sender.clone());
-            let tracer = self.tracer.clone();
+            let (engine, options, graph) = (self.engine, self.options, self.graph);
+            let (sender, tracer, key) = (self.sender.clone(), self.tracer.clone(), slot.key);
             self.send(node, move || {
-                let owed = Owed::new(&sender, |_| Message::Loaded { node, port, value: None });
-                let artifact = &graph.nodes[node].kind.outputs[port].artifact;
-                let read = || stored_value(&engine.store, artifact, &output.digest);
+                let owed = Owed::new(&sender, |_| Message::Loaded { node, port, value: Ok(None) });
+                let read = || value_of(engine, options, &graph.nodes[node], port, key, &output.digest);
                 let value = tracer.span(&graph.nodes[node].id, "load", read);
                 owed.send(Message::Loaded { node, port, value });
             });
@@ -94,7 +96,11 @@ impl<'a> Run<'a> {
         let node = &self.graph.nodes[index];
         let slot = &mut self.slots[index];
         slot.end_loading(port);
-        let digest = slot.record.as_ref().map(|record| record.outputs[port].digest);
+        let output = slot.record.as_ref().map(|record| &record.outputs[port]);
+        if output.is_some_and(|output| !output.stored) {
+            return self.remake(index, DIGEST_ONLY);
+        }
+        let digest = output.map(|output| output.digest);
         let mut reported = false;
         for incident in self.engine.store.take_incidents() {
             let ours = incident.digest.is_some() && incident.digest == digest;

@@ -1,0 +1,140 @@
+//! The outputs of an action in a folder: written by the worker, verified by whoever takes them.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+
+use cache::{Digest, publish_file};
+
+use crate::graph::node::Node;
+use crate::record::record::Record;
+use crate::remote::entry::Entry;
+use crate::remote::error::ActionError;
+use crate::value::artifact::decode_with;
+
+/// Name of the file that holds the entry.
+pub(crate) const ENTRY: &str = "entry";
+/// Name of the folder of values.
+pub(crate) const VALUES: &str = "values";
+/// Maximum length of an entry in bytes: the maximum of a record in the store.
+pub(crate) const LONGEST_ENTRY: u64 = 16 << 20;
+
+/// Writes the values of a node and then its entry. `values` has the name and the bytes of each stored output, in
+/// order.
+///
+/// # Errors
+/// If the folder already exists, or if something cannot be written or does not read back as written.
+pub(crate) fn write(
+    folder: &Path,
+    key: Digest,
+    record: Vec<u8>,
+    values: &[(&str, &[u8])],
+) -> Result<(), ActionError> {
+    let inside = folder.join(VALUES);
+    fs::create_dir_all(folder.parent().unwrap_or(folder)).map_err(ActionError::io("create", folder))?;
+    fs::create_dir(folder).map_err(ActionError::io("create", folder))?;
+    fs::create_dir(&inside).map_err(ActionError::io("create", &inside))?;
+    let lengths = values.iter().map(|(_, bytes)| bytes.len() as u64).collect();
+    let entry = Entry { key, lengths, record }.encode();
+    let files = values.iter().map(|(name, bytes)| (inside.join(name), *bytes));
+    for (path, bytes) in files.chain([(folder.join(ENTRY), entry.as_slice())]) {
+        publish_file(&path, bytes)?;
+        // A full or failing disk must not become a result that others use.
+        let read = fs::read(&path).map_err(ActionError::io("read", &path))?;
+        if read != bytes {
+            let why = format!("`{}` does not have the content that was written", path.display());
+            return Err(ActionError::Outputs { folder: folder.to_owned(), why });
+        }
+    }
+    Ok(())
+}
+
+/// The verified outputs of an action.
+pub(crate) struct Outputs {
+    pub record: Record,
+    /// The record with its manifest, as in the store.
+    pub encoded: Vec<u8>,
+    /// The stored values. Their number and order are those of the stored outputs of the record.
+    pub values: Vec<(Digest, Vec<u8>)>,
+}
+
+/// Reads the outputs of a node with this key. Every file must be a regular file with the stated name, length and
+/// digest, every value must be one that the kind can read, and nothing else may be in the folder.
+///
+/// # Errors
+/// The first file that does not fit.
+pub(crate) fn read(folder: &Path, node: &Node, key: &Digest) -> Result<Outputs, ActionError> {
+    let refused = |why: String| ActionError::Outputs { folder: folder.to_owned(), why };
+    let inside = folder.join(VALUES);
+    let found = listing(folder)?;
+    if let Some(name) = found.keys().find(|name| ![ENTRY, VALUES].contains(&name.as_str())) {
+        return Err(refused(format!("`{name}` is not one of its files")));
+    }
+    let is_folder = |found: &Found| matches!(found, Found::Folder);
+    if !found.get(VALUES).is_some_and(is_folder) {
+        return Err(refused(format!("`{VALUES}` is not a folder")));
+    }
+    let bytes = match found.get(ENTRY) {
+        Some(Found::File(length)) if *length <= LONGEST_ENTRY => {
+            let path = folder.join(ENTRY);
+            fs::read(&path).map_err(ActionError::io("read", &path))?
+        }
+        Some(Found::File(_)) => return Err(refused(format!("`{ENTRY}` is too long"))),
+        _ => return Err(refused(format!("`{ENTRY}` is not a file"))),
+    };
+    let entry = Entry::decode(&bytes, key).map_err(|error| refused(error.to_string()))?;
+    let record = Record::decode(&entry.record, node).map_err(|error| refused(error.to_string()))?;
+
+    let found = listing(&inside)?;
+    let ports = node.kind.outputs.iter().zip(&record.outputs).filter(|(_, output)| output.stored);
+    let stored: Vec<_> = ports.zip(&entry.lengths).collect();
+    if let Some(name) = found.keys().find(|name| !stored.iter().any(|((port, _), _)| port.name == *name)) {
+        return Err(refused(format!("`{VALUES}/{name}` is not an output of `{}`", node.kind.name)));
+    }
+    let mut values = Vec::with_capacity(stored.len());
+    for ((port, output), length) in stored {
+        let name = port.name;
+        match found.get(name) {
+            Some(Found::File(found)) if found == length => {}
+            Some(Found::File(found)) => {
+                return Err(refused(format!("`{VALUES}/{name}` has {found} bytes instead of {length}")));
+            }
+            _ => return Err(refused(format!("`{VALUES}/{name}` is not a file"))),
+        }
+        let path = inside.join(name);
+        let bytes = fs::read(&path).map_err(ActionError::io("read", &path))?;
+        if Digest::of(&bytes) != output.digest {
+            return Err(ActionError::Content { path, digest: output.digest });
+        }
+        decode_with(&port.artifact, &bytes)
+            .map_err(|error| refused(format!("`{VALUES}/{name}`: {error}")))?;
+        values.push((output.digest, bytes));
+    }
+    Ok(Outputs { record, encoded: entry.record, values })
+}
+
+/// A file or folder. Links are not followed.
+enum Found {
+    /// A regular file, with its length in bytes.
+    File(u64),
+    Folder,
+    /// A link, a device or a pipe.
+    Other,
+}
+
+fn listing(folder: &Path) -> Result<BTreeMap<String, Found>, ActionError> {
+    let read = |folder| fs::read_dir(folder).map_err(ActionError::io("read", folder));
+    let mut found = BTreeMap::new();
+    for entry in read(folder)? {
+        let entry = entry.map_err(ActionError::io("read", folder))?;
+        let path = entry.path();
+        let metadata = fs::symlink_metadata(&path).map_err(ActionError::io("read", &path))?;
+        let what = match metadata {
+            data if data.is_file() => Found::File(data.len()),
+            data if data.is_dir() => Found::Folder,
+            _ => Found::Other,
+        };
+        found.insert(entry.file_name().to_string_lossy().into_owned(), what);
+    }
+    Ok(found)
+}
