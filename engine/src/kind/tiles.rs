@@ -207,6 +207,17 @@ mod tests {
     }
 
     #[test]
+    fn a_thread_that_only_waits_is_not_busy() {
+        let threads = Threads::new(1);
+        threads.occupied(|| {
+            assert!(!threads.has_room());
+            threads.waiting(|| assert!(threads.has_room()));
+            assert!(!threads.has_room());
+        });
+        assert!(threads.has_room());
+    }
+
+    #[test]
     fn every_tile_runs_once_however_many_threads_there_are() {
         for (limit, count) in [(1, 100), (2, 1), (2, 1000), (7, 0), (7, 3), (7, 10_000)] {
             let (threads, made) = (Threads::new(limit), Mutex::new(Vec::new()));

@@ -27,8 +27,8 @@ impl Engine {
     /// The canonical bytes of an output whose digest is known: from the store, or computed again from the results of
     /// the last run of the graph.
     pub(crate) fn encoded(&self, graph: &Graph, wire: Wire, output: &Output) -> Option<Vec<u8>> {
-        if output.stored {
-            return self.store.get_blob(&output.digest).ok()?;
+        if let Some(bytes) = self.store.get_blob(&output.digest).ok()? {
+            return Some(bytes);
         }
         let value = self.made_again(graph, wire)?;
         let artifact = &graph.nodes[wire.node].kind.outputs[wire.port].artifact;
@@ -42,7 +42,13 @@ impl Engine {
     }
 
     fn made_again(&self, graph: &Graph, wire: Wire) -> Option<AnyArtifact> {
-        let kept = |node: usize| graph.nodes[node].kind.store == Keep::Always;
+        // The values of results that machines share may be elsewhere.
+        let kept = |node: usize| {
+            let here = |output: &Output| self.store.has_blob(&output.digest);
+            graph.nodes[node].kind.store == Keep::Always
+                && last_outputs(&self.store, graph, &graph.nodes[node])
+                    .is_some_and(|record| record.outputs.iter().all(here))
+        };
         // The walk ends at nodes whose values are stored.
         let mut runs = vec![false; graph.nodes.len()];
         runs[wire.node] = true;

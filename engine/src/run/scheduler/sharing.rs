@@ -6,7 +6,7 @@ use cache::Digest;
 
 use crate::graph::node::Node;
 use crate::kind::contract::Keep;
-use crate::record::record::Record;
+use crate::record::record::{Output, Record};
 use crate::remote::entry::Entry;
 use crate::remote::shared::local_record;
 use crate::run::code::stored_value;
@@ -81,9 +81,14 @@ impl Run<'_> {
     }
 }
 
-/// True if the value of a node may be fetched from the shared results, even if the record in the store states that
-/// only its digest is stored.
-pub(super) fn may_fetch(engine: &Engine, node: &Node) -> bool {
+/// True if the value of an output may be in the store, or among the shared results. A record that came from there
+/// states that only digests are stored, although a value may have been fetched or computed since then.
+pub(super) fn may_be_available(engine: &Engine, node: &Node, output: &Output) -> bool {
+    let is_kept = node.kind.store == Keep::Always;
+    output.stored || is_kept && (may_fetch(engine, node) || engine.store.has_blob(&output.digest))
+}
+
+fn may_fetch(engine: &Engine, node: &Node) -> bool {
     engine.shared.is_some() && node.kind.store == Keep::Always && !node.kind.instant
 }
 

@@ -13,7 +13,7 @@ use crate::graph::node::Wire;
 use crate::record::record::Output;
 use crate::run::event::Event;
 use crate::run::message::{Finished, Message, Owed};
-use crate::run::scheduler::sharing::{may_fetch, value_of};
+use crate::run::scheduler::sharing::{may_be_available, value_of};
 use crate::run::scheduler::{Run, Task};
 use crate::run::slot::{Life, Waiter};
 use crate::value::artifact::AnyArtifact;
@@ -76,7 +76,7 @@ impl<'a> Run<'a> {
         if let Some(value) = self.engine.warm.as_ref().and_then(|warm| warm.values.get(&output.name())) {
             return self.arrive(node, port, value);
         }
-        if !output.stored && !may_fetch(self.engine, &self.graph.nodes[node]) {
+        if !may_be_available(self.engine, &self.graph.nodes[node], &output) {
             return self.remake(node, DIGEST_ONLY);
         }
         if slot.begin_loading(port) {
