@@ -1,5 +1,6 @@
 //! The commands of the program, such as `run` and `check`, with one file or folder for each.
 
+mod action;
 mod cache;
 mod check;
 mod completions;
@@ -9,6 +10,11 @@ mod explain;
 mod graph;
 mod init;
 mod inspect;
+#[cfg(feature = "remote")]
+mod key;
+#[cfg(not(feature = "remote"))]
+#[path = "key/absent.rs"]
+mod key;
 mod knobs;
 mod lock;
 mod nodes;
@@ -41,7 +47,7 @@ const GROUPS: [(&str, &[&str]); 5] = [
     ("Begin", &["init", "nodes", "inspect", "convert"]),
     ("Run a graph", &["run", "watch", "check", "plan", "explain", "show", "pick", "graph"]),
     ("Trade work for accuracy", &["knobs", "tune", "report"]),
-    ("Share and reproduce", &["pack", "unpack", "verify", "lock", "diff"]),
+    ("Share and reproduce", &["pack", "unpack", "verify", "lock", "diff", "action", "key"]),
     ("Maintain", &["cache", "completions", "manual", "train-exposure"]),
 ];
 
@@ -107,6 +113,11 @@ enum Verb {
     Unpack(unpack::Unpack),
     /// Recompute nodes of a bundle and compare the results
     Verify(verify::Verify),
+    /// Compute one node in another process or on another machine
+    Action(action::Action),
+    /// Make the key that signs your results, and list the keys whose results you use (in builds with the feature
+    /// `remote`)
+    Key(key::Key),
     /// Write a scene of splats, or a mesh, in another format
     Convert(convert::Convert),
     /// Print the properties of splats, a mesh or a picture: size, up axis, floor, probable mistakes
@@ -194,6 +205,8 @@ impl Command {
             Verb::Pick(verb) => verb.run(),
             Verb::Graph(verb) => verb.run(),
             Verb::Cache(verb) => verb.run(),
+            Verb::Action(verb) => verb.run(),
+            Verb::Key(verb) => verb.run(),
             Verb::Convert(verb) => verb.run(),
             Verb::Inspect(verb) => verb.run(),
             Verb::Diff(verb) => verb.run(),

@@ -45,6 +45,25 @@ impl From<engine::NodeError> for Error {
     }
 }
 
+impl From<engine::ActionError> for Error {
+    fn from(error: engine::ActionError) -> Self {
+        match error {
+            engine::ActionError::Write(error) => error.into(),
+            other => Self::Usage(other.to_string()),
+        }
+    }
+}
+
+#[cfg(feature = "remote")]
+impl From<remote::TrustError> for Error {
+    fn from(error: remote::TrustError) -> Self {
+        match error {
+            remote::TrustError::Write(error) => error.into(),
+            other => Self::Usage(other.to_string()),
+        }
+    }
+}
+
 impl From<ctrlc::Error> for Error {
     fn from(error: ctrlc::Error) -> Self {
         Self::Usage(match error {

@@ -10,6 +10,11 @@ pub mod locked;
 pub mod mesh;
 mod names;
 pub mod origin;
+#[cfg(feature = "remote")]
+mod remote;
+#[cfg(not(feature = "remote"))]
+#[path = "remote/absent.rs"]
+mod remote;
 pub mod splats;
 pub mod standing;
 
@@ -18,3 +23,6 @@ pub use engine::{EngineArgs, cache_folder, on_interrupt, size, time};
 pub use error::Error;
 pub use graph::{GraphArgs, Loaded};
 pub use names::{find, wires};
+pub use remote::RemoteArgs;
+#[cfg(feature = "remote")]
+pub use remote::{config_file, secret_key_file};

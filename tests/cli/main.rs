@@ -1,6 +1,7 @@
 //! Tests that run the program as a user does: the real binary, with real files and small pictures.
 #![allow(clippy::unwrap_used, missing_docs, reason = "a test may stop at the first surprise")]
 
+mod action;
 mod bytes;
 mod cache;
 mod incremental;
@@ -11,6 +12,8 @@ mod messages;
 mod names;
 mod other_tools;
 mod reference;
+#[cfg(feature = "remote")]
+mod remote;
 mod share;
 mod show;
 mod splats;

@@ -16,7 +16,7 @@ use trace::Trace;
 use crate::session::agreement;
 use crate::session::origin::Origin;
 use crate::session::{
-    EngineArgs, Error, GraphArgs, Loaded, budget, cache_folder, locked, on_interrupt, time,
+    EngineArgs, Error, GraphArgs, Loaded, RemoteArgs, budget, cache_folder, locked, on_interrupt, time,
 };
 use crate::terminal::{self, Report};
 
@@ -27,6 +27,8 @@ pub struct Run {
     graph: GraphArgs,
     #[command(flatten)]
     engine: EngineArgs,
+    #[command(flatten)]
+    remote: RemoteArgs,
     /// Output folder of the sinks
     #[arg(long, default_value = "out", value_name = "DIR")]
     out: PathBuf,
@@ -74,6 +76,7 @@ impl Run {
         loaded.check_outputs(&self.out)?;
         self.trace.as_deref().map_or(Ok(()), |trace| loaded.check_output(trace))?;
         let cancel = on_interrupt()?;
+        let (engine, remote) = self.remote.connect(engine, &cancel, |warning| self.report().show(warning))?;
         if let Some(error) = self.max_error {
             let sets_error =
                 |set: &&String| set.split('=').next().is_some_and(|f| f.trim().ends_with(".max_error"));
@@ -145,6 +148,11 @@ impl Run {
                 id: "time-missed",
                 text: format!("the run took {took}, longer than the {asked} that `--time` allows"),
             });
+        }
+        match &remote {
+            Some(remote) if self.json => terminal::json_line(&remote.json()),
+            Some(remote) => remote.summary().iter().for_each(|line| terminal::remark(line)),
+            None => {}
         }
         end.iter().for_each(|end| report.show(end));
         if let Some(lock) = &locked {

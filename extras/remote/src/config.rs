@@ -1,0 +1,60 @@
+//! The user's settings for a server.
+
+use std::io::ErrorKind;
+use std::path::Path;
+
+use serde::Deserialize;
+
+use crate::trust_error::TrustError;
+
+/// Settings in a file such as `Remote(address: "grpc://127.0.0.1:8980", write: true)`. Options of a command override
+/// them.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename = "Remote", deny_unknown_fields, default)]
+pub struct Config {
+    /// The address of the server; `None` if no server is used.
+    pub address: Option<String>,
+    /// True to store new results on the server.
+    pub write: bool,
+    /// True to fail if the server cannot be reached.
+    pub no_fallback: bool,
+}
+
+impl Config {
+    /// Reads the settings. A file that does not exist gives the defaults.
+    ///
+    /// # Errors
+    /// If the file cannot be read or is not valid.
+    pub fn read(path: &Path) -> Result<Self, TrustError> {
+        let text = match std::fs::read_to_string(path) {
+            Ok(text) => text,
+            Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Self::default()),
+            Err(error) => return Err(TrustError::io("read", path)(error)),
+        };
+        let options =
+            ron::Options::default().with_default_extension(ron::extensions::Extensions::IMPLICIT_SOME);
+        options.from_str(&text).map_err(|error| TrustError::Line {
+            path: path.to_owned(),
+            line: error.span.start.line,
+            why: error.code.to_string(),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_are_read_and_mistakes_have_a_line() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("remote.ron");
+        assert_eq!(Config::read(&path).expect("no file"), Config::default());
+        std::fs::write(&path, "Remote(address: \"grpc://a:1\", write: true)").expect("writes");
+        let read = Config::read(&path).expect("settings");
+        assert_eq!(read, Config { address: Some("grpc://a:1".to_owned()), write: true, no_fallback: false });
+        std::fs::write(&path, "Remote(\n    adress: \"grpc://a:1\",\n)").expect("writes");
+        let error = Config::read(&path).expect_err("a wrong field").to_string();
+        assert!(error.contains("line 2") && error.contains("adress"), "{error}");
+    }
+}

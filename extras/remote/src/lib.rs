@@ -1,0 +1,23 @@
+//! Results that several machines share.
+//!
+//! [`reapi::SharedCache`] reads results from a server, and stores new ones there.
+//!
+//! [`SecretKey`], [`TrustedKeys`] and [`signed`] decide which results of others are used: only those that a trusted
+//! key signed. The signature covers the key of the result and the digests of its values, so neither the server nor
+//! another of its users can change a result without being noticed.
+
+mod config;
+mod public_key;
+pub mod reapi;
+mod secret_key;
+pub mod signed;
+#[cfg(test)]
+mod testing;
+mod trust_error;
+mod trusted_keys;
+
+pub use config::Config;
+pub use public_key::PublicKey;
+pub use secret_key::SecretKey;
+pub use trust_error::TrustError;
+pub use trusted_keys::{Standing, TrustedKeys};

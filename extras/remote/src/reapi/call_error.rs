@@ -1,0 +1,74 @@
+//! Errors of calls to a server.
+
+use tonic::{Code, Status};
+
+/// The reason why a call to a server gave no answer.
+#[derive(Debug, Clone, thiserror::Error)]
+pub enum CallError {
+    /// The run was cancelled.
+    #[error("cancelled")]
+    Cancelled,
+    /// The server does not have it.
+    #[error("not found")]
+    NotFound,
+    /// The server does not allow it.
+    #[error("{what} is refused: {why}")]
+    Refused {
+        /// The call.
+        what: &'static str,
+        /// The reason.
+        why: String,
+    },
+    /// The server cannot be reached, or repeatedly gave no answer.
+    #[error("{what} failed: {why}")]
+    Failed {
+        /// The call.
+        what: &'static str,
+        /// The reason.
+        why: String,
+    },
+    /// The answer contradicts the protocol.
+    #[error("{what} got an answer that contradicts the protocol: {why}")]
+    Wrong {
+        /// The call.
+        what: &'static str,
+        /// The reason.
+        why: String,
+    },
+    /// The thread that waits for the network cannot be started, or the address is not valid.
+    #[error("cannot connect: {0}")]
+    Connect(String),
+}
+
+impl CallError {
+    pub(crate) fn wrong(what: &'static str, why: impl Into<String>) -> Self {
+        Self::Wrong { what, why: why.into() }
+    }
+
+    pub(crate) fn of(what: &'static str, status: &Status) -> Self {
+        let message =
+            if status.message().is_empty() { status.code().description() } else { status.message() };
+        let why = message.to_owned();
+        match status.code() {
+            Code::NotFound => Self::NotFound,
+            Code::PermissionDenied | Code::Unauthenticated | Code::Unimplemented => {
+                Self::Refused { what, why }
+            }
+            _ => Self::Failed { what, why },
+        }
+    }
+}
+
+/// True if a call with this outcome may succeed when it is repeated.
+pub(crate) fn is_passing(code: Code) -> bool {
+    matches!(
+        code,
+        Code::Unavailable
+            | Code::Aborted
+            | Code::Internal
+            | Code::Unknown
+            | Code::Cancelled
+            | Code::DeadlineExceeded
+            | Code::ResourceExhausted
+    )
+}

@@ -1,0 +1,68 @@
+//! Repetition of calls that failed for a passing reason.
+
+use std::time::Duration;
+
+use cache::Digest;
+
+/// How long a call may take, how often it is repeated, and the pauses between.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Retry {
+    /// Maximum number of attempts.
+    pub attempts: u32,
+    /// Pause after the first attempt. It doubles after each further attempt.
+    pub pause: Duration,
+    /// Maximum pause.
+    pub longest_pause: Duration,
+    /// Time limit of an attempt, without the time to move its bytes.
+    pub limit: Duration,
+    /// The least speed of a connection that is waited for, in bytes per second.
+    pub speed: u64,
+}
+
+impl Default for Retry {
+    fn default() -> Self {
+        Self {
+            attempts: 4,
+            pause: Duration::from_millis(100),
+            longest_pause: Duration::from_secs(2),
+            limit: Duration::from_secs(10),
+            speed: 64 << 10,
+        }
+    }
+}
+
+impl Retry {
+    /// The pause after an attempt, counted from 0. Between half of the pause and all of it, depending on `what`, so
+    /// that many clients do not repeat their calls at once. Equal arguments give equal pauses.
+    pub fn pause_after(&self, attempt: u32, what: &str) -> Duration {
+        let whole = self.pause.saturating_mul(1 << attempt.min(16)).min(self.longest_pause);
+        let digest = Digest::of(format!("{what}\n{attempt}").as_bytes());
+        let [a, b, ..] = *digest.as_bytes();
+        whole / 2 + whole.mul_f64(f64::from(u16::from_le_bytes([a, b])) / f64::from(u16::MAX) / 2.0)
+    }
+
+    /// The time limit of an attempt that moves this number of bytes.
+    pub fn limit_for(&self, bytes: u64) -> Duration {
+        self.limit + Duration::from_millis(bytes.saturating_mul(1000) / self.speed.max(1))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pauses_grow_are_limited_and_differ_between_calls() {
+        let retry = Retry::default();
+        let pauses = |what: &str| -> Vec<Duration> { (0..9).map(|n| retry.pause_after(n, what)).collect() };
+        for (n, pause) in pauses("a").into_iter().enumerate() {
+            let whole = Duration::from_millis(100 << n).min(retry.longest_pause);
+            assert!(pause >= whole / 2 && pause <= whole, "{n}: {pause:?}");
+        }
+        assert_eq!(pauses("a"), pauses("a"));
+        assert!(pauses("a").iter().zip(pauses("b")).all(|(a, b)| *a != b));
+        assert!(retry.pause_after(u32::MAX, "a") <= retry.longest_pause);
+        assert_eq!(retry.limit_for(64 << 20), Duration::from_secs(10 + 1024));
+        assert!(retry.limit_for(u64::MAX) > retry.limit);
+    }
+}

@@ -1,0 +1,283 @@
+//! The results on a server, as the engine uses them.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::atomic::AtomicBool;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use bazel_remote_apis::build::bazel::remote::execution::v2 as api;
+use cache::Digest;
+use engine::{Entry, NodeError, SharedResults};
+
+use super::address::Address;
+use super::call_error::CallError;
+use super::connection::Connection;
+use super::results::Found;
+use super::retry::Retry;
+use super::server::Server;
+use crate::secret_key::SecretKey;
+use crate::signed::{self, Distrust};
+use crate::trusted_keys::TrustedKeys;
+
+/// Use of a server.
+pub struct SharedCacheOptions {
+    /// The address of the server.
+    pub address: Address,
+    /// Results signed by these keys are used.
+    pub trusted: TrustedKeys,
+    /// The key that signs new results. If `None`, nothing is stored on the server.
+    pub publish_as: Option<SecretKey>,
+    /// True if runs continue without the server if it cannot be reached.
+    pub fallback: bool,
+    /// Repetition of calls.
+    pub retry: Retry,
+}
+
+/// Numbers of results and bytes that moved.
+#[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
+pub struct Traffic {
+    /// Results that were found on the server and used.
+    pub found: u64,
+    /// Results that were stored on the server.
+    pub stored: u64,
+    /// Values that were fetched.
+    pub values: u64,
+    /// Bytes of these values.
+    pub bytes_down: u64,
+    /// Bytes that were sent.
+    pub bytes_up: u64,
+}
+
+/// The results on a server.
+pub struct SharedCache {
+    server: Server,
+    trusted: TrustedKeys,
+    publish_as: Option<SecretKey>,
+    fallback: bool,
+    state: Mutex<State>,
+}
+
+#[derive(Default)]
+struct State {
+    /// The reason why the server is not used any more.
+    lost: Option<String>,
+    /// True if nothing is stored on the server any more.
+    stores_nothing: bool,
+    /// Where the server has the values of the results that were found.
+    places: BTreeMap<Digest, api::Digest>,
+    remarks: Vec<(&'static str, String)>,
+    /// Ids of the remarks so far. Each is made once.
+    said: BTreeSet<&'static str>,
+    traffic: Traffic,
+}
+
+impl SharedCache {
+    /// Connects to a server.
+    ///
+    /// # Errors
+    /// If the server cannot be reached or does not fit.
+    pub fn connect(options: SharedCacheOptions, cancel: &AtomicBool) -> Result<Self, CallError> {
+        let SharedCacheOptions { address, trusted, publish_as, fallback, retry } = options;
+        let server = Server::open(Connection::new(address, retry)?, cancel)?;
+        let refuses = publish_as.is_some() && !server.takes_results;
+        let state = Mutex::new(State { stores_nothing: refuses, ..State::default() });
+        let cache = Self { server, trusted, publish_as, fallback, state };
+        if refuses {
+            let why = "the server takes no results from clients".to_owned();
+            cache.stop_storing(&CallError::Refused { what: "storing results", why });
+        }
+        Ok(cache)
+    }
+
+    /// The traffic so far.
+    pub fn traffic(&self) -> Traffic {
+        self.state().traffic
+    }
+
+    /// The server, for tests that store what this client never would.
+    #[cfg(test)]
+    pub(crate) fn server(&self) -> &Server {
+        &self.server
+    }
+
+    fn address(&self) -> &Address {
+        &self.server.connection.address
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn remark(&self, id: &'static str, text: String) {
+        let mut state = self.state();
+        if state.said.insert(id) {
+            state.remarks.push((id, text));
+        }
+    }
+
+    /// An answer if the server is not used any more.
+    fn without<T>(&self) -> Option<Result<Option<T>, NodeError>> {
+        let why = self.state().lost.clone()?;
+        Some(if self.fallback { Ok(None) } else { Err(self.refusal(&why)) })
+    }
+
+    fn refusal(&self, why: &str) -> NodeError {
+        NodeError::new(format!("the shared results on {} are not available: {why}", self.address()))
+            .hint("run without `--no-remote-fallback` to compute everything here")
+    }
+
+    /// Answers a question whose call failed. The server is not used any more, since every further call would wait
+    /// as long.
+    fn failed<T>(&self, error: &CallError) -> Result<Option<T>, NodeError> {
+        if matches!(error, CallError::Cancelled) {
+            return Ok(None);
+        }
+        let why = error.to_string();
+        self.state().lost = Some(why.clone());
+        if !self.fallback {
+            return Err(self.refusal(&why));
+        }
+        self.remark("remote-lost", format!("{}: {why}; the run continues without it", self.address()));
+        Ok(None)
+    }
+
+    fn stop_storing(&self, error: &CallError) {
+        self.state().stores_nothing = true;
+        if !matches!(error, CallError::Cancelled) {
+            let text =
+                format!("{}: {error}; no further results of this run are stored there", self.address());
+            self.remark("remote-store", text);
+        }
+    }
+
+    /// The verified entry in an answer; `None` if it may not be used.
+    fn verified(&self, key: &Digest, found: &Found) -> Option<Entry> {
+        let entry = match signed::open(&found.sealed, key, &self.trusted) {
+            Ok(entry) => entry,
+            Err(why) => {
+                let id = match why {
+                    Distrust::Unsigned => "remote-unsigned",
+                    Distrust::Unknown(_) => "remote-untrusted",
+                    Distrust::Revoked(_) => "remote-revoked",
+                    Distrust::Forged(_) | Distrust::Damaged(_) => "remote-forged",
+                };
+                let text = format!(
+                    "a result on {} is not used: {why} (further results like this one are not reported)",
+                    self.address()
+                );
+                self.remark(id, text);
+                return None;
+            }
+        };
+        // The places are not signed. A wrong one is noticed when the value is fetched; its size is checked here, so
+        // that nothing longer than the value is ever fetched.
+        let place = |value: &Digest, length: u64| {
+            let places = found.values.iter().filter(|(known, _)| known == value);
+            let mut sized = places.filter(|(_, place)| u64::try_from(place.size_bytes) == Ok(length));
+            sized.next().map(|(value, place)| (*value, place.clone()))
+        };
+        let blobs = entry.blobs().ok()?;
+        let places: Option<Vec<_>> =
+            blobs.iter().zip(&entry.lengths).map(|(value, length)| place(value, *length)).collect();
+        match places {
+            Some(places) => {
+                self.state().places.extend(places);
+                Some(entry)
+            }
+            None => {
+                let text =
+                    format!("a result on {} is not used: a value of it is missing there", self.address());
+                self.remark("remote-incomplete", text);
+                None
+            }
+        }
+    }
+}
+
+impl SharedResults for SharedCache {
+    fn find(&self, key: &Digest, cancel: &AtomicBool) -> Result<Option<Entry>, NodeError> {
+        if let Some(answer) = self.without() {
+            return answer;
+        }
+        match self.server.find(key, cancel) {
+            Ok(found) => {
+                let entry = self.verified(key, &found);
+                self.state().traffic.found += u64::from(entry.is_some());
+                Ok(entry)
+            }
+            Err(CallError::NotFound) => Ok(None),
+            // The answer for one key says nothing about the others.
+            Err(error @ CallError::Wrong { .. }) => {
+                self.remark(
+                    "remote-wrong",
+                    format!("{}: {error}; the result is computed here", self.address()),
+                );
+                Ok(None)
+            }
+            Err(error) => self.failed(&error),
+        }
+    }
+
+    fn fetch(&self, key: &Digest, value: &Digest, cancel: &AtomicBool) -> Result<Option<Vec<u8>>, NodeError> {
+        if let Some(answer) = self.without() {
+            return answer;
+        }
+        let place = || self.state().places.get(value).cloned();
+        let place = match place() {
+            Some(place) => place,
+            // The record came from the store of this machine.
+            None => match self.find(key, cancel)?.and_then(|_| place()) {
+                Some(place) => place,
+                None => return Ok(None),
+            },
+        };
+        match self.server.download(&place, cancel) {
+            Ok(bytes) if Digest::of(&bytes) == *value => {
+                let mut state = self.state();
+                state.traffic.values += 1;
+                state.traffic.bytes_down += bytes.len() as u64;
+                Ok(Some(bytes))
+            }
+            Ok(_) => {
+                let text = format!("a value on {} is damaged, and is computed here", self.address());
+                self.remark("remote-damaged", text);
+                self.state().places.remove(value);
+                Ok(None)
+            }
+            Err(CallError::NotFound) => {
+                self.state().places.remove(value);
+                Ok(None)
+            }
+            Err(error @ CallError::Wrong { .. }) => {
+                self.remark(
+                    "remote-wrong",
+                    format!("{}: {error}; the value is computed here", self.address()),
+                );
+                Ok(None)
+            }
+            Err(error) => self.failed(&error),
+        }
+    }
+
+    fn publish(&self, entry: &Entry, values: &[(Digest, &[u8])], cancel: &AtomicBool) {
+        let Some(key) = &self.publish_as else { return };
+        let off = {
+            let state = self.state();
+            state.stores_nothing || state.lost.is_some()
+        };
+        if off {
+            return;
+        }
+        match self.server.store(&entry.key, &signed::seal(entry, key), values, cancel) {
+            Ok(sent) => {
+                let mut state = self.state();
+                state.traffic.stored += 1;
+                state.traffic.bytes_up += sent;
+            }
+            Err(error) => self.stop_storing(&error),
+        }
+    }
+
+    fn remarks(&self) -> Vec<(&'static str, String)> {
+        std::mem::take(&mut self.state().remarks)
+    }
+}

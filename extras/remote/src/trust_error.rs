@@ -1,0 +1,62 @@
+//! Errors of keys and of files that hold them.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// An error of a key or of a file that holds keys.
+#[derive(Debug, thiserror::Error)]
+pub enum TrustError {
+    /// A file cannot be read or written.
+    #[error("cannot {what} `{}`: {source}", .path.display())]
+    Io {
+        /// The operation, such as `read`.
+        what: &'static str,
+        /// The file.
+        path: PathBuf,
+        /// The error of the operating system.
+        source: io::Error,
+    },
+    /// A file cannot be written.
+    #[error(transparent)]
+    Write(#[from] cache::Error),
+    /// A file already exists, and a key is never overwritten.
+    #[error("`{}` already exists; a key is never overwritten", .0.display())]
+    Exists(PathBuf),
+    /// Other users of the machine can read a secret key.
+    #[error("other users can read the secret key in `{0}`, or write to the file; run `chmod 600 {0}`", .path.display())]
+    Permissions {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A line of a file is not valid.
+    #[error("`{}`, line {line}: {why}", .path.display())]
+    Line {
+        /// The file.
+        path: PathBuf,
+        /// Number of the line, from 1.
+        line: usize,
+        /// The reason.
+        why: String,
+    },
+    /// A text is not a public key.
+    #[error("`{0}` is not a public key; write NAME:KEY as `key new` prints it")]
+    NoPublicKey(String),
+    /// A name of a key is not valid.
+    #[error(
+        "`{0}` is not a name for a key: write up to 64 letters, digits, `.`, `-` and `_`, such as `farm-1`"
+    )]
+    Name(String),
+    /// The key was revoked.
+    #[error("`{0}` was revoked; a revoked key cannot be trusted again, make a new one with `key new`")]
+    Revoked(String),
+    /// The operating system gives no random bytes.
+    #[error("cannot get random bytes from the operating system: {0}")]
+    Random(String),
+}
+
+impl TrustError {
+    /// Returns a function that adds the operation and the path to an error of the operating system.
+    pub(crate) fn io(what: &'static str, path: &Path) -> impl FnOnce(io::Error) -> Self {
+        move |source| Self::Io { what, path: path.to_owned(), source }
+    }
+}

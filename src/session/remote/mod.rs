@@ -1,0 +1,126 @@
+//! The results that machines share, on a server.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use clap::Args;
+use engine::{Engine, Event, bytes_text};
+use remote::reapi::{Retry, SharedCache, SharedCacheOptions, Traffic};
+use remote::{Config, SecretKey, TrustedKeys};
+use serde_json::{Value, json};
+
+use super::error::Error;
+
+/// Environment variable with the address of the server.
+const VARIABLE: &str = "LIGHTHARMONY_REMOTE";
+
+/// The server with results of others.
+#[derive(Debug, Clone, Args)]
+pub struct RemoteArgs {
+    /// Server of the Remote Execution API whose results are used, such as grpc://127.0.0.1:8980; `none` for no server
+    /// [env: LIGHTHARMONY_REMOTE; default: that of the user's remote.ron]
+    #[arg(long, value_name = "URL")]
+    remote: Option<String>,
+    /// Also store new results on the server, signed by your key; see `key`
+    #[arg(long)]
+    remote_write: bool,
+    /// Fail if the server cannot be reached, instead of computing everything here
+    #[arg(long)]
+    no_remote_fallback: bool,
+}
+
+/// A connected server.
+pub struct Remote {
+    cache: Arc<SharedCache>,
+    address: String,
+}
+
+impl RemoteArgs {
+    /// Connects the engine to the server, if there is one. If the server cannot be reached, the engine stays as it
+    /// is and an event with a warning is passed to `show`, unless this is not wanted.
+    pub fn connect(
+        &self,
+        engine: Engine,
+        cancel: &AtomicBool,
+        mut show: impl FnMut(&Event),
+    ) -> Result<(Engine, Option<Remote>), Error> {
+        let config = Config::read(&config_file("remote.ron")?)?;
+        let named = self.remote.clone().or_else(|| std::env::var(VARIABLE).ok()).or(config.address);
+        let Some(address) = named.filter(|address| !matches!(address.as_str(), "" | "none")) else {
+            if self.remote_write || self.no_remote_fallback {
+                let option = if self.remote_write { "--remote-write" } else { "--no-remote-fallback" };
+                return Err(Error::usage(format!("`{option}` needs a server; name it with `--remote`")));
+            }
+            return Ok((engine, None));
+        };
+        let fallback = !(self.no_remote_fallback || config.no_fallback);
+        let options = SharedCacheOptions {
+            address: address.parse().map_err(|error| Error::usage(format!("{error}")))?,
+            trusted: TrustedKeys::read(&config_file("trusted-keys")?)?,
+            publish_as: (self.remote_write || config.write).then(secret_key).transpose()?,
+            fallback,
+            retry: Retry::default(),
+        };
+        match SharedCache::connect(options, cancel) {
+            Ok(cache) => {
+                let cache = Arc::new(cache);
+                Ok((engine.sharing(cache.clone()), Some(Remote { cache, address })))
+            }
+            Err(error) if fallback => {
+                let text = format!("{address}: {error}; the run continues without it");
+                show(&Event::Warning { id: "remote-lost", text });
+                Ok((engine, None))
+            }
+            Err(error) => Err(Error::usage(format!(
+                "{address}: {error}; run without `--no-remote-fallback` to compute everything here"
+            ))),
+        }
+    }
+}
+
+impl Remote {
+    /// One line on what moved between this machine and the server; `None` if nothing did.
+    pub fn summary(&self) -> Option<String> {
+        let Traffic { found, stored, values, bytes_down, bytes_up } = self.cache.traffic();
+        if (found, stored) == (0, 0) {
+            return None;
+        }
+        let (down, up) = (bytes_text(bytes_down), bytes_text(bytes_up));
+        Some(format!(
+            "{}: {found} results found there, {values} values fetched ({down}), {stored} results stored ({up})",
+            self.address
+        ))
+    }
+
+    /// The same for programs.
+    pub fn json(&self) -> Value {
+        let Traffic { found, stored, values, bytes_down, bytes_up } = self.cache.traffic();
+        json!({
+            "event": "remote", "address": self.address, "found": found, "stored": stored, "values": values,
+            "bytes_down": bytes_down, "bytes_up": bytes_up,
+        })
+    }
+}
+
+/// The path of a file in the user's folder of settings.
+pub fn config_file(name: &str) -> Result<PathBuf, Error> {
+    let folders = directories::ProjectDirs::from("", "", "lightharmony");
+    let folders =
+        folders.ok_or_else(|| Error::usage("no folder for settings: the user has no home folder"))?;
+    Ok(folders.config_dir().join(name))
+}
+
+/// The path of the user's secret key.
+pub fn secret_key_file() -> Result<PathBuf, Error> {
+    config_file("signing-key")
+}
+
+fn secret_key() -> Result<SecretKey, Error> {
+    let path = secret_key_file()?;
+    if !path.exists() {
+        let why = "storing results needs a key that signs them; make one with `lightharmony key new NAME`";
+        return Err(Error::usage(why));
+    }
+    Ok(SecretKey::read(&path)?)
+}
