@@ -88,7 +88,7 @@ impl Casd {
 
     /// The files in which the server keeps results, in order.
     pub fn results(&self) -> Vec<PathBuf> {
-        files_below(self.folder.path().join("ac"))
+        files_below(self.folder.path().join("actioncache/objects"))
     }
 }
 
