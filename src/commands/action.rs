@@ -68,6 +68,11 @@ struct Take {
 }
 
 impl Action {
+    /// True if standard output is JSON.
+    pub fn prints_json(&self) -> bool {
+        matches!(&self.verb, Verb::Run(run) if run.json)
+    }
+
     /// Runs the command. Returns exit code 1 if the node failed, and 3 if its result is degraded.
     pub fn run(self) -> Result<u8, Error> {
         match self.verb {

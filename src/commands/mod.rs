@@ -177,6 +177,7 @@ impl Command {
     pub fn prints_json(&self) -> bool {
         match &self.verb {
             Verb::Run(verb) => verb.json,
+            Verb::Action(verb) => verb.prints_json(),
             Verb::Check(verb) => verb.json,
             Verb::Plan(verb) => verb.json,
             Verb::Explain(verb) => verb.json,
