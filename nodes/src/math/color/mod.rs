@@ -1,4 +1,10 @@
-//! Transfer curves and luminance. sRGB is IEC 61966-2-1; primaries are Rec.709 throughout.
+//! Colour: the sRGB curve (IEC 61966-2-1) and luminance of the working space, whose primaries are those of Rec.709;
+//! other colour spaces ([`space`]) and view transforms ([`view`]).
+
+pub mod curve;
+pub mod primaries;
+pub mod space;
+pub mod view;
 
 use crate::math::num;
 
