@@ -99,13 +99,15 @@ const SKIPS: [Skip; 8] = [
         kinds: TRACE,
         judge: |seen| {
             let decided = seen.value("decisions", "surroundings")?;
-            let text = seen.note("surroundings").map_or_else(|| format!("{decided}, as set"), str::to_owned);
+            let text = seen
+                .note("surroundings")
+                .map_or_else(|| format!("{decided}, as set in the graph"), str::to_owned);
             // With `Open`, the light is infinitely distant: the receiver is neither a light, nor does it block any.
             Some((decided == "Open", text))
         },
     },
     Skip {
-        what: "the second render, in regions where objects hardly change the light",
+        what: "the second render, in regions where objects have almost no effect on the light",
         check: "an upper bound on the light that objects block, emit and reflect is small enough",
         force: "`crop: 0`",
         kinds: TRACE,
@@ -165,7 +167,7 @@ const SKIPS: [Skip; 8] = [
             let [skipped, visited] = ["splats_skipped", "splats_visited"].map(|name| seen.count(name));
             let all = (skipped + visited) as f64;
             let text = format!(
-                "{:.0} % of {} splats were skipped",
+                "skipped splats: {:.0} % of {}",
                 100.0 * skipped as f64 / all.max(1.0),
                 tick_text(all)
             );
@@ -174,7 +176,7 @@ const SKIPS: [Skip; 8] = [
     },
     Skip {
         what: "pixels of the panorama that do not affect the picture",
-        check: "the widths of the smoothest lobe and of the smallest light, in texels",
+        check: "the widths of the narrowest reflection lobe and of the smallest light, in texels",
         force: "`skip_fine: false` of `fit-probe`; without a `fit-probe`, `width_px` and `size_px` decide",
         kinds: &["fit-probe", "path-trace"],
         judge: |seen| match seen.note("probe-size") {
@@ -328,8 +330,11 @@ mod tests {
         };
         let why = "Open: 60.0 % of 256 probe rays miss the mesh";
         assert_eq!(row("Open", Some(why)), (Some(true), why.to_owned()));
-        assert_eq!(row("Open", None), (Some(true), "Open, as set".to_owned()));
-        assert_eq!(row("Room, 3 layers", None), (Some(false), "Room, 3 layers, as set".to_owned()));
+        assert_eq!(row("Open", None), (Some(true), "Open, as set in the graph".to_owned()));
+        assert_eq!(
+            row("Room, 3 layers", None),
+            (Some(false), "Room, 3 layers, as set in the graph".to_owned())
+        );
         assert_eq!(row("Projected", Some("Projected: ..")).0, Some(false));
     }
 

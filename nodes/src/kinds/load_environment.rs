@@ -22,7 +22,7 @@ engine::params! {
         /// Layer of an OpenEXR file, such as `ViewLayer.Combined`, or a channel. The default is the unnamed layer.
         layer: String = String::new(), other("\"R\"");
         /// Rotates the light about the up axis, counter-clockwise seen from above. Rotations by a fraction of a
-        /// pixel interpolate between pixels, and keep the energy of each row.
+        /// pixel interpolate between pixels and preserve the energy of each row.
         rotation_deg: f64 = 0.0, range(-36000, 36000), unit("degrees"), other("90.0");
         /// Factor applied to the radiance.
         scale: f64 = 1.0, range(0, 1e9), other("2.0");

@@ -59,8 +59,8 @@ engine::outputs! {
 const FINE: usize = 256;
 /// Number of columns of the grid for the planes in every direction, the spheres and the dominant light.
 const COARSE: usize = 128;
-/// Minimum ratio of the brightest direction to the mean of the sphere for a light to be dominant, after
-/// smoothing by a lobe of 10 degrees.
+/// Minimum ratio of the radiance in the brightest direction to the mean radiance of the sphere for a light to be
+/// dominant. The radiance is first smoothed with a lobe of 10 degrees.
 const STANDS_OUT: f64 = 1.1;
 
 impl Kind for ScoreEnv {

@@ -1,4 +1,4 @@
-//! Reference for the scores of `score-env`, computed from texels instead of the grid cells that the node uses.
+//! Reference for the scores of `score-env`. It is computed from texels, whereas the node uses the cells of a grid.
 
 use std::f64::consts::PI;
 
@@ -104,8 +104,8 @@ fn glossy(texels: &[Texel], normal: DVec3) -> [f64; 3] {
     [0, 1, 2].map(|c| texels.iter().map(|(d, size, rgb)| lobe(d) * size * rgb[c]).sum::<f64>() / whole)
 }
 
-/// Root mean square error, relative to the truth, over the pixels of a sphere that is 32 pixels wide and seen along
-/// +y.
+/// Renders a sphere, 32 pixels wide and seen along +y, under both lights. Returns the root mean square error over
+/// its pixels, relative to the truth.
 fn sphere(shade: fn(&[Texel], DVec3) -> [f64; 3], found: &[Texel], truth: &[Texel]) -> f64 {
     let (mut off, mut square) = (0.0, 0.0);
     for i in 0..32 * 32 {

@@ -69,14 +69,14 @@ fn number(value: Option<f64>) -> Cell {
     }
 }
 
-/// Cells of a row whose values are all unknown.
+/// Cells of a row without values: the names, followed by missing cells.
 pub(super) fn unknown(names: [&str; 3], colour: bool) -> Vec<Cell> {
     let mut cells: Vec<Cell> = names.iter().map(|name| Cell::Text((*name).to_owned())).collect();
     cells.resize(COMMON.len() + if colour { COLOUR.len() } else { RATIO.len() }, Cell::Missing);
     cells
 }
 
-/// Cells of the row of a region. They have no values if the region contains no pixel.
+/// Cells of the row of a region. Their values are missing if the region contains no pixel.
 pub(super) fn cells(names: [&str; 3], row: Option<Row>, colour: bool, pixels: usize) -> Vec<Cell> {
     let mut cells: Vec<Cell> = names.iter().map(|name| Cell::Text((*name).to_owned())).collect();
     let count = row.as_ref().map_or(0, |row| row.errors.pixels);

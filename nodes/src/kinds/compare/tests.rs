@@ -51,7 +51,7 @@ fn what_is_open_is_black_in_the_numbers_of_the_picture() {
         let (out, notes) =
             Compare::run(&node, inputs(made.image.clone(), view.clone()), &context()).expect("runs");
         let found = notes.iter().find(|note| note.id == "alpha-on-black").expect("a note");
-        assert!(found.text.contains("192 pixels"), "{}", found.text);
+        assert!(found.text.contains("(count: 192)"), "{}", found.text);
         out.difference.0[0].picture.samples()[0]
     };
     assert_eq!(off(Space::Linear), 0.0);
@@ -237,7 +237,7 @@ fn what_is_infinite_alike_is_no_difference() {
     assert!(notes.contains("1 samples are NaN"), "{notes}");
     let other = inputs(depth(1, &[1.0]), depth(3, &[1.0; 3]));
     let Err(reported) = Compare::run(&node(), other, &context()) else { panic!("is compared") };
-    assert!(reported.to_string().contains("data of 1 channels"), "{reported}");
+    assert!(reported.to_string().contains("data with 1 channels"), "{reported}");
 }
 
 #[test]

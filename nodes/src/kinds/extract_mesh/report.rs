@@ -1,4 +1,5 @@
-//! The report of `extract-mesh`: counts, the ground around the focus, and how the mesh fits each camera.
+//! The report of `extract-mesh`: counts, the ground around the focus, and the agreement between the mesh and the
+//! splats in each camera.
 
 use engine::{Context, NodeError};
 use glam::{DVec3, Vec3};
@@ -28,7 +29,8 @@ pub(super) fn counts(rows: &[(&str, usize)]) -> Table {
     Table::new("counts", ["what", "number"], rows.iter().map(|(name, value)| count(name, *value)).collect())
 }
 
-/// Cell with a length in millimetres, converted from world units. `metre` is the length of a metre in world units.
+/// Cell with a length in millimetres, converted from world units; a missing cell if `units` is `None`. `metre` is
+/// the length of a metre in world units.
 fn mm(units: Option<f64>, metre: f64) -> Cell {
     units.map_or(Cell::Missing, |units| Cell::Number(units / metre * 1000.0))
 }

@@ -31,8 +31,8 @@ engine::params! {
     /// receive. The light that does not come from the sun is known, because it comes from surfaces and sky that are
     /// not clipped. The comparison is robust: differences in albedo reduce its precision, but do not bias it.
     ///
-    /// If one direction explains the colours clearly better than all others, the sun is placed there with its
-    /// fitted irradiance and colour, and the clipped region around it gets the fitted glow in place of the
+    /// If one direction explains the colours clearly better than all others, the sun is placed in that direction
+    /// with its fitted irradiance and colour, and the clipped region around it gets the fitted glow in place of the
     /// predicted light. Otherwise the environment is unchanged. Clipped mesh colours count as openings, so the sun
     /// may shine through a window.
     pub struct FitLights {
@@ -47,7 +47,7 @@ engine::params! {
 engine::inputs! {
     /// Inputs of `fit-lights`.
     pub struct In {
-        /// The recovered light, with the point that it was captured at.
+        /// The recovered light, with its point of capture.
         env: Arc<Environment>,
         /// The mesh of the place; its vertex colours are used if `splats` is not wired.
         receiver: Arc<Mesh>,
@@ -96,7 +96,7 @@ impl Kind for FitLights {
             let what = "the environment has no point of capture, so it cannot be compared with the place";
             return Err(NodeError::from(Error::Mismatch(what.to_owned()))
                 .at("env")
-                .hint("set `origin` in the node that loads it"));
+                .hint("set `origin` in the node that loads the environment"));
         };
         if splats.is_none() && receiver.colours.is_empty() {
             let what = "the mesh has no vertex colours";
@@ -131,7 +131,7 @@ impl Kind for FitLights {
     }
 }
 
-/// Decides whether the best candidate is a sun that lights the point of the panorama.
+/// Decides whether the best candidate is accepted as a sun that lights the point of capture.
 fn judge(params: &FitLights, found: Option<&Sun>, place: &Place, origin: DVec3) -> Verdict {
     match found {
         None => Verdict::NothingToCompare,

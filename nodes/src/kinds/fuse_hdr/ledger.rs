@@ -25,12 +25,13 @@ pub(super) struct Lights {
     pub members: Vec<Vec<usize>>,
     /// Pixels that fusion made darker, which do not count as lights.
     darker: Vec<usize>,
-    /// Pixels left unchanged although light was predicted for them.
+    /// Pixels that fusion left unchanged although light was predicted for them.
     left: Vec<usize>,
     /// Name of each step, and the luminance of pixels after it: one list for each light, then one list for the
     /// pixels made darker, and one for the pixels left unchanged.
     steps: Vec<(&'static str, Vec<Vec<f64>>)>,
-    /// Index of the first step with an added sky, and the pixels of the sky with their luminance.
+    /// Index of the first step with an added sky, and the pixels of the sky with their luminance. `None` if no sky
+    /// was added.
     sky: Option<(usize, Vec<(usize, f64)>)>,
 }
 
@@ -86,7 +87,7 @@ impl Lights {
         let all: f64 = (0..pixels.rgb.len()).map(own).sum();
         if lost > UNUSED * all {
             let text = format!(
-                "the exposures are darker than the panorama in {} pixels above `threshold`, which removes {:.1} % of the panorama's power; `blend: Ramp` removes no light",
+                "the exposures are darker than the panorama at pixels above `threshold` (count: {}), which removes {:.1} % of the panorama's power; `blend: Ramp` removes no light",
                 self.darker.len(),
                 100.0 * lost / all
             );
@@ -120,12 +121,12 @@ impl Lights {
                 0 => String::new(),
                 _ if !pixels.ceiling => String::new(),
                 n => format!(
-                    "; {n} clipped pixels get no light; check that the prediction was made for `base`"
+                    "; clipped pixels get no light (count: {n}); check that the prediction was made for `base`"
                 ),
             };
             notes.warning(
                 "prediction-unused",
-                format!("{percent:.1} % of the predicted light belongs to {count} pixels below `threshold` and is left out; `threshold` should be below `white` of the prediction{without}"),
+                format!("{percent:.1} % of the predicted light belongs to pixels below `threshold` (count: {count}) and is left out; `threshold` should be below `white` of the prediction{without}"),
             );
         }
     }
@@ -160,7 +161,7 @@ impl Lights {
         }
         if short > 0 {
             let text = format!(
-                "{short} lights are barely clipped and get less light than predicted; a lower `threshold` gives them all of the predicted light"
+                "barely clipped lights get less light than predicted (count: {short}); a lower `threshold` gives them all of the predicted light"
             );
             notes.warning("flux-held-back", text);
         }

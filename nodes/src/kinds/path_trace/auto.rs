@@ -30,7 +30,7 @@ pub(super) struct Facts {
 /// Reason why the panorama is infinitely far away, or projected onto the mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Reason {
-    /// The graph sets `surroundings` to a choice that determines it.
+    /// The graph sets `surroundings` to a choice that determines whether the panorama is projected.
     AsSet,
     /// The environment has no point of capture.
     NoCapture,
@@ -49,9 +49,9 @@ pub(super) struct Decision {
     pub(super) bounces: bool,
     /// True if rays reflected by objects pass through the mesh and show the panorama.
     pub(super) reflections_pass: bool,
-    /// True if the visibility is the one printed in the paper.
+    /// True for visibility as printed in the paper.
     pub(super) printed: bool,
-    /// True if the panorama is projected onto the mesh, and the reason.
+    /// Whether the panorama is projected onto the mesh, and the reason.
     pub(super) projected: (bool, Reason),
     /// Share of the light that would reach the point of capture if the mesh were solid. `None` if it was not
     /// computed.
@@ -134,7 +134,7 @@ impl Decision {
         }
     }
 
-    /// Reports the decision and the facts it is based on.
+    /// Reports the decision, and the facts on which it is based.
     pub(super) fn report(&self, surroundings: Surroundings, probe: Option<&Probe>, notes: &mut Notes) {
         if let (Surroundings::Room { .. }, Some(probe)) = (surroundings, probe) {
             if probe.escaped < probe.rays && probe.front_share() <= 0.1 {

@@ -128,13 +128,13 @@ engine::outputs! {
     }
 }
 
-/// Decision about the surroundings, and the facts it is based on.
+/// Decision about the surroundings, and the facts on which it is based.
 struct Decided {
     /// Text of the choice of `surroundings` that is equivalent to the decision.
     name: String,
     rules: Rules,
     probe: Option<Probe>,
-    /// Share of light that reflection by the mesh counts twice, or would count twice if reflection were enabled.
+    /// Share of light that the mesh counts twice by reflecting it, or would count twice if it reflected light.
     /// `None` for a solid mesh.
     twice: Option<f64>,
 }

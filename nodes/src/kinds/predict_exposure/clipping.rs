@@ -35,9 +35,9 @@ pub(super) struct Clipping<'a> {
     exhaustive: bool,
     /// White level of the panorama.
     ceiling: f64,
-    /// Networks of the method `Learned`.
+    /// Networks of the method `Learned`; `None` for other methods.
     network: Option<network::Network>,
-    /// Photographs of the method `Photographs`.
+    /// Photographs of the method `Photographs`; `None` for other methods.
     pub photographs: Option<Photographs>,
 }
 
@@ -70,12 +70,12 @@ impl<'a> Clipping<'a> {
         Ok(Self { params, pano, pixels, mask, clipped, exhaustive, ceiling, network, photographs })
     }
 
-    /// Method that is used. It is `Skip` if no pixel is clipped, unless the run is exhaustive.
+    /// The method that is used. If no pixel is clipped, it is `Skip`, unless the run is exhaustive.
     pub fn method(&self) -> &Method {
         if self.clipped == 0 && !self.exhaustive { &Method::Skip } else { &self.params.method }
     }
 
-    /// The clipped regions on the grid.
+    /// The clipped regions, as cells of the grid.
     fn on_grid(&self) -> Clipped<'_> {
         Clipped::new(self.pano.up, &self.pano.alpha.samples, (&self.pixels, &self.mask, self.ceiling))
     }
@@ -194,7 +194,10 @@ fn learned(
 ) -> Result<Option<network::Network>, NodeError> {
     if !matches!(params.method, Method::Learned) {
         if let Some(file) = &params.weights {
-            let text = format!("`{}` is ignored: `weights` belong to `method: Learned`", file.0);
+            let text = format!(
+                "the weights file `{}` is ignored, since only `method: Learned` uses `weights`",
+                file.0
+            );
             notes.warning("weights-unused", text);
         }
         return Ok(None);

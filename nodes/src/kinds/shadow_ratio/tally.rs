@@ -41,7 +41,10 @@ impl Tally {
     /// Adds notes on samples that were left out, with their share of all samples.
     pub(super) fn tell(&self, s_max: f64, notes: &mut Notes) {
         if self.broken > 0 {
-            notes.warning("not-finite", format!("{} samples are not finite and cast no shadow", self.broken));
+            notes.warning(
+                "not-finite",
+                format!("samples that are not finite cast no shadow (count: {})", self.broken),
+            );
         }
         if self.samples > 0 && self.dark == self.samples {
             let text = "no sample has enough light for a ratio, so there is no shadow";
@@ -69,7 +72,7 @@ impl Tally {
                 share(self.shone_on)
             );
             let hint = match s_max < LARGE {
-                true => "raise `s_max` to keep it (for example to 8)",
+                true => "raise `s_max` to keep this light (for example to 8)",
                 false => "`form: Hybrid` adds this light instead of multiplying by it",
             };
             notes.warning("light-clipped", format!("{text}; {hint}"));
