@@ -21,5 +21,6 @@ pub mod progress;
 pub mod quantise;
 mod raster;
 pub mod recipe;
+pub mod source_colour;
 pub mod splats;
 pub mod webp;

@@ -3,7 +3,8 @@
 use engine::{Context, NodeError, Notes};
 
 use super::png::Raster;
-use crate::math::color::srgb_from_linear;
+use crate::math::color::space::{Conversion, Space};
+use crate::math::color::view::{Display, View};
 use crate::types::Picture;
 
 engine::choices! {
@@ -13,6 +14,27 @@ engine::choices! {
         Drop,
         /// Straight alpha: the file has alpha, and colours are divided by it.
         Straight,
+    }
+}
+
+/// How pictures are shown on a display.
+#[derive(Debug, Clone)]
+pub(crate) struct Shown {
+    linear: Display,
+    encoded: Conversion,
+}
+
+impl Shown {
+    /// On a display with the colour space `space`: linear light with a view transform after a gain of
+    /// `2^exposure`, display-encoded colours as they are.
+    pub fn on(space: Space, view: View, exposure: f64) -> Self {
+        Self { linear: Display::new(view, exposure, space), encoded: Conversion::new(Space::Srgb, space) }
+    }
+}
+
+impl Default for Shown {
+    fn default() -> Self {
+        Self::on(Space::Srgb, View::None, 0.0)
     }
 }
 
@@ -55,6 +77,7 @@ pub(crate) fn quantise(
     picture: &Picture,
     wide: bool,
     alpha: AlphaOutput,
+    shown: &Shown,
     cx: &Context,
 ) -> Result<(Raster, Lost), NodeError> {
     let (width, height, channels) = picture.size();
@@ -68,7 +91,6 @@ pub(crate) fn quantise(
     }
     let keep_alpha = has_alpha && alpha == AlphaOutput::Straight;
     let largest = if wide { 65_535_u16 } else { 255 };
-    let linear = matches!(picture, Picture::Linear(_));
     // Linear light is encoded after division by alpha, since the curve is not linear. Display values and data on
     // black are not changed.
     let row = |y: usize| {
@@ -78,11 +100,15 @@ pub(crate) fn quantise(
             let at = (y * width + x) * channels;
             let pixel = &picture.samples()[at..at + channels];
             let a = if has_alpha { pixel[channels - 1] } else { 1.0 };
-            for &value in &pixel[..colours] {
-                let value = if keep_alpha && a > 0.0 { value / a } else { value };
-                let shown = if linear { srgb_from_linear(value) } else { value };
-                codes.push(code(shown, largest, &mut lost));
-            }
+            let straight = |value: f32| if keep_alpha && a > 0.0 { value / a } else { value };
+            let rgb = if colours == 3 { [pixel[0], pixel[1], pixel[2]] } else { [pixel[0]; 3] };
+            let rgb = rgb.map(straight);
+            let rgb = match picture {
+                Picture::Linear(_) => shown.linear.apply(rgb),
+                Picture::Srgb(_) => shown.encoded.apply(rgb),
+                Picture::Data(_) => rgb,
+            };
+            codes.extend(rgb[..colours].iter().map(|value| code(*value, largest, &mut lost)));
             if keep_alpha {
                 codes.push(code(a, largest, &mut lost));
             }
@@ -97,7 +123,7 @@ pub(crate) fn quantise(
         lost.add(row_lost);
     }
     let channels = colours + usize::from(keep_alpha);
-    Ok((Raster { width, height, channels, largest, codes, ignored: Vec::new(), linear: false }, lost))
+    Ok((Raster { width, height, channels, largest, codes, ignored: Vec::new(), colour: None }, lost))
 }
 
 fn code(value: f32, largest: u16, lost: &mut Lost) -> u16 {

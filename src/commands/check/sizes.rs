@@ -136,7 +136,7 @@ mod tests {
             largest: 255,
             codes,
             ignored: Vec::new(),
-            linear: false,
+            colour: None,
         };
         let bytes = nodes::io::png::write(&raster, true, &[]).unwrap_or_default();
         std::fs::write(folder.path().join("plate.png"), bytes).expect("it is written");

@@ -27,7 +27,7 @@ pub(super) fn sheet(views: &[NamedImage], exposure: f32) -> (Raster, Vec<String>
         channels: 3,
         largest: 255,
         codes: vec![0; width * height * 3],
-        linear: false,
+        colour: None,
         ignored: Vec::new(),
     };
     let mut ranges = Vec::new();

@@ -9,7 +9,7 @@ mod write;
 
 pub use part::choose_part;
 pub use read::{Opened, open, read, read_for, read_layer};
-pub use write::{Depth, write, write_for};
+pub use write::{Attributes, Depth, write, write_for};
 
 /// A channel of numbers.
 #[derive(Debug, Clone, PartialEq)]

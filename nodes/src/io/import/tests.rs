@@ -44,7 +44,7 @@ fn obj_files_have_shapes_materials_and_textures() {
         largest: 255,
         codes: vec![255, 0, 0, 0, 0, 255],
         ignored: Vec::new(),
-        linear: false,
+        colour: None,
     };
     let png = crate::io::png::write(&raster, false, &[]).unwrap_or_else(|e| panic!("{e}"));
     let (found, _, sources) =

@@ -477,7 +477,7 @@ fn sizes_come_from_the_pictures() {
         largest: 255,
         codes: vec![7; width * height],
         ignored: Vec::new(),
-        linear: false,
+        colour: None,
     };
     let png = |w, h| crate::io::png::write(&raster(w, h), false, &[]).unwrap_or_else(|e| panic!("{e}"));
     let (wide, small) = (png(40, 30), png(20, 10));

@@ -139,7 +139,7 @@ fn normal_maps_get_tangents_even_without_normals() {
         largest: 65_535,
         codes: vec![32_768, 32_768, 65_535],
         ignored: vec![],
-        linear: false,
+        colour: None,
     };
     let png = crate::io::png::write(&picture, false, &[]).unwrap_or_else(|e| panic!("{e}"));
     json["images"] = json!([{"uri": format!("data:image/png;base64,{}", base64(&png))}]);

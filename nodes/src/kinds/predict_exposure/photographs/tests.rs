@@ -42,7 +42,7 @@ impl Place {
         let codes = (0..width * height).flat_map(pixel).collect();
         let channels = if alpha.is_some() { 4 } else { 3 };
         let raster =
-            Raster { width, height, channels, largest: 255, codes, ignored: Vec::new(), linear: false };
+            Raster { width, height, channels, largest: 255, codes, ignored: Vec::new(), colour: None };
         self.write(name, &png::write(&raster, false, &[]).expect("packs"));
     }
 
@@ -190,7 +190,7 @@ fn photographs_that_contradict_the_panorama_are_reported() {
     let code = |at: usize| u16::from(code8(srgb_from_linear([0.002_f32, 0.04, 0.9][at * 7 % 3])));
     let codes = (0..W * H).flat_map(|at| [code(at); 3]).collect();
     let raster =
-        Raster { width: W, height: H, channels: 3, largest: 255, codes, ignored: Vec::new(), linear: false };
+        Raster { width: W, height: H, channels: 3, largest: 255, codes, ignored: Vec::new(), colour: None };
     place.write("elsewhere.png", &png::write(&raster, false, &[]).expect("packs"));
     let (_, notes) = place.gains(&["elsewhere.png"], &[-3.0]);
     assert_eq!(reported(&notes, "photograph-disagrees").len(), 1, "{notes:?}");
@@ -199,7 +199,7 @@ fn photographs_that_contradict_the_panorama_are_reported() {
     let code = |at: usize| u16::from(code8(srgb_from_linear((other(at % W) / 8.0).min(1.0))));
     let codes = (0..W * H).flat_map(|at| [code(at); 3]).collect();
     let raster =
-        Raster { width: W, height: H, channels: 3, largest: 255, codes, ignored: Vec::new(), linear: false };
+        Raster { width: W, height: H, channels: 3, largest: 255, codes, ignored: Vec::new(), colour: None };
     place.write("lamps.png", &png::write(&raster, false, &[]).expect("packs"));
     let (_, notes) = place.gains(&["lamps.png"], &[-3.0]);
     let found = reported(&notes, "photograph-disagrees");
