@@ -65,11 +65,11 @@ impl Evidence<'_> {
         cells.collect()
     }
 
-    /// The value in the row `name` of the table `table`, whose columns are `what` and `value`.
+    /// The value in the row `name` of the table `table`, whose columns are `item` and `value`.
     fn value(&self, table: &str, name: &str) -> Option<String> {
-        let names = self.column(table, "what").into_iter().zip(self.column(table, "value"));
-        names.into_iter().find_map(|(what, value)| match (what, value) {
-            (Cell::Text(what), Cell::Text(value)) if what == name => Some(value.clone()),
+        let names = self.column(table, "item").into_iter().zip(self.column(table, "value"));
+        names.into_iter().find_map(|(item, value)| match (item, value) {
+            (Cell::Text(item), Cell::Text(value)) if item == name => Some(value.clone()),
             _ => None,
         })
     }
@@ -122,11 +122,12 @@ const SKIPS: [Skip; 8] = [
         force: "it cannot be forced; the expected picture does not depend on it",
         kinds: TRACE,
         judge: |seen| {
-            let shares = seen.column("views", "share of chunks that no object changes").into_iter();
+            let shares =
+                seen.column("views", "share of chunks of samples that no object changes").into_iter();
             let shares = shares.filter_map(|cell| if let Cell::Number(n) = cell { Some(*n) } else { None });
             let shares: Vec<f64> = shares.collect();
             let texts: Vec<String> = shares.iter().map(|share| format!("{:.0} %", 100.0 * share)).collect();
-            let text = format!("share of chunks in each view: {}", texts.join(", "));
+            let text = format!("share of chunks of samples in each view: {}", texts.join(", "));
             (!shares.is_empty()).then(|| (shares.iter().any(|share| *share > 0.0), text))
         },
     },
@@ -312,7 +313,7 @@ mod tests {
         let trace = node("trace", "path-trace");
         let lobes =
             vec![Cell::Text("lobes that no material has".to_owned()), Cell::Text("sheen, brush".to_owned())];
-        let reports = [("trace.report".to_owned(), table("decisions", &["what", "value"], lobes))];
+        let reports = [("trace.report".to_owned(), table("decisions", &["item", "value"], lobes))];
         assert_eq!(judged(&[trace], &reports)[5], (Some(true), "sheen, brush".to_owned()));
     }
 
@@ -323,7 +324,7 @@ mod tests {
         let row = |decided: &str, why: Option<&str>| {
             let mut trace = node("trace", "path-trace");
             trace.notes.extend(why.map(|why| note("surroundings", why)));
-            let mut report = table("decisions", &["what", "value"], Vec::new());
+            let mut report = table("decisions", &["item", "value"], Vec::new());
             report.tables[0].rows =
                 vec![["surroundings", decided].map(|text| Cell::Text(text.to_owned())).to_vec()];
             judged(&[trace], &[("trace.report".to_owned(), report)]).swap_remove(1)
@@ -332,8 +333,8 @@ mod tests {
         assert_eq!(row("Open", Some(why)), (Some(true), why.to_owned()));
         assert_eq!(row("Open", None), (Some(true), "Open, as set in the graph".to_owned()));
         assert_eq!(
-            row("Room, 3 layers", None),
-            (Some(false), "Room, 3 layers, as set in the graph".to_owned())
+            row("Room(layers: 3)", None),
+            (Some(false), "Room(layers: 3), as set in the graph".to_owned())
         );
         assert_eq!(row("Projected", Some("Projected: ..")).0, Some(false));
     }

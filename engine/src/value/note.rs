@@ -64,7 +64,8 @@ impl Notes {
         self.push(Level::Decision, id, text.into());
     }
 
-    /// Adds a note with the text `n` followed by `of`, such as `3 rows dropped`. Adds nothing if `n` is 0.
+    /// Adds a note with the text `n` followed by `of`, such as `3 of the rows had to be dropped`.
+    /// Adds nothing if `n` is 0.
     pub fn count(&mut self, id: &str, n: u64, of: impl std::fmt::Display) {
         if n > 0 {
             self.push(Level::Count, id, format!("{n} {of}"));

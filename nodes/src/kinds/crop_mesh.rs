@@ -75,7 +75,13 @@ impl Kind for CropMesh {
         }
         let mut notes = Notes::none();
         let (left, all) = (kept.triangles.len(), mesh.triangles.len());
-        notes.count("cropped", (all - left) as u64, format_args!("of {all} triangles were removed"));
+        notes.count(
+            "cropped",
+            (all - left) as u64,
+            format_args!(
+                "of the {all} triangles had a centroid outside the given limits and had to be removed"
+            ),
+        );
         if left == 0 && all > 0 {
             notes.degraded(
                 "empty",

@@ -93,8 +93,12 @@ fn scale(rgb: &mut [f32], by: f64, notes: &mut Notes) {
         *value = scaled.clamp(0.0, f64::from(f32::MAX)) as f32;
     }
     for (id, count, what) in [
-        ("radiance-negative", negative, "samples lie below 0 and were set to 0"),
-        ("radiance-capped", capped, "samples overflowed when scaled and were clamped"),
+        ("radiance-negative", negative, "of the samples had a value below 0, which was replaced with 0"),
+        (
+            "radiance-capped",
+            capped,
+            "of the samples overflowed when scaled, and had to be clamped to the largest 32-bit float",
+        ),
     ] {
         notes.count(id, count, what);
     }

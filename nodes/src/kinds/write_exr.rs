@@ -180,7 +180,7 @@ impl Kind for WriteExr {
             let (bytes, clamped) = exr::write_for(width, height, channels, attributes, progress)?;
             if clamped > 0 {
                 let what = format!(
-                    "samples of `{}` exceed 65504, the largest 16-bit float, and were clamped to it",
+                    "of the samples of `{}` exceeded 65504, the largest 16-bit float, and had to be clamped to it",
                     view.name
                 );
                 notes.count("half-overflow", clamped, what);

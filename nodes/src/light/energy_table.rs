@@ -153,20 +153,16 @@ impl EnergyTable {
             row(name.to_owned(), self.steps.iter().map(|(_, energy, _)| of(energy)).collect())
         };
         let mut rows = vec![
-            whole("power of the sphere (sr)", |energy| energy.power),
-            whole("irradiance of the ground", |energy| energy.ground),
+            whole("power over the whole sphere (sr)", |energy| energy.power),
+            whole("irradiance on a plane that faces up", |energy| energy.ground),
             whole("peak luminance", |energy| energy.peak),
         ];
         rows.extend((0..self.lights.len()).map(|i| {
             let values = self.steps.iter().map(|(.., facing)| facing[i]).collect();
             row(format!("irradiance from light {} on a plane that faces it", i + 1), values)
         }));
-        let names = std::iter::once("").chain(self.steps.iter().map(|(name, ..)| *name));
-        let places = [
-            "azimuth (deg, clockwise from forward)",
-            "elevation (deg)",
-            "counted up to this angle from the centre (deg)",
-        ];
+        let names = std::iter::once("quantity").chain(self.steps.iter().map(|(name, ..)| *name));
+        let places = ["azimuth (deg, clockwise from forward)", "elevation (deg)", "angular radius (deg)"];
         [
             Table::new("lights", places, self.lights.iter().map(place).collect()),
             Table::new("steps", names, rows),

@@ -109,7 +109,7 @@ engine::outputs! {
 
 impl Kind for Compare {
     const NAME: &'static str = "compare";
-    const VERSION: u32 = 8;
+    const VERSION: u32 = 9;
     type Params = Self;
     type In = In;
     type Out = Out;
@@ -152,7 +152,7 @@ impl Kind for Compare {
             let mask = inputs.mask.as_ref().map(|mask| find(mask, "mask").map(|m| inside(&m))).transpose()?;
             if let Some(mask) = &mask {
                 let shown = mask.iter().filter(|shown| **shown).count();
-                let text = format!("{shown} of {} pixels of `{}` are inside the mask", mask.len(), view.name);
+                let text = format!("the mask of `{}` contains {shown} of {} pixels", view.name, mask.len());
                 notes.decision(
                     "masked",
                     format!("{text}; the row `whole` and all regions contain only these pixels"),

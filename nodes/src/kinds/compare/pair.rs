@@ -69,7 +69,9 @@ impl Pair {
             }
             let (of_a, of_b) = (a.size().2, b.size().2);
             if of_a != of_b {
-                let what = format!("data with {of_a} channels cannot be compared with data with {of_b}");
+                let what = format!(
+                    "pictures of data must have equal numbers of channels (picture: {of_a}, reference: {of_b})"
+                );
                 let hint = "select the channels of an OpenEXR file with `layer` of `load-image`";
                 return Err(NodeError::new(what).at("reference").hint(hint));
             }
@@ -115,7 +117,7 @@ impl Pair {
         let broken = |plane: &Plane| plane.samples.iter().filter(|v| v.is_nan()).count();
         let broken = broken(&self.a).max(broken(&self.b));
         if broken > 0 && !self.is_colour() {
-            let text = "samples are NaN; means over them are not computed";
+            let text = "of the samples had the value NaN, so the mean over a region with such a sample is not computed";
             missing.push(("not-a-number", format!("{broken} {text}")));
         }
         let colours = if let Of::Colours(colours) = &self.kind { Some(colours) } else { None };

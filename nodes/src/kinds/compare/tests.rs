@@ -234,10 +234,10 @@ fn what_is_infinite_alike_is_no_difference() {
     assert_eq!(off[1], Cell::Number(0.125));
     assert_eq!(row(depth(1, &far), depth(1, &[2.0, 3.0, 4.0, 0.0])).0[1], text("inf"));
     let (_, notes) = row(depth(1, &[1.0, f32::NAN]), depth(1, &[1.0, 1.0]));
-    assert!(notes.contains("1 samples are NaN"), "{notes}");
+    assert!(notes.contains("1 of the samples had the value NaN"), "{notes}");
     let other = inputs(depth(1, &[1.0]), depth(3, &[1.0; 3]));
     let Err(reported) = Compare::run(&node(), other, &context()) else { panic!("is compared") };
-    assert!(reported.to_string().contains("data with 1 channels"), "{reported}");
+    assert!(reported.to_string().contains("(picture: 1, reference: 3)"), "{reported}");
 }
 
 #[test]

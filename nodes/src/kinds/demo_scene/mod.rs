@@ -192,9 +192,13 @@ impl Kind for DemoScene {
         notes.count(
             "unseen-patches",
             defects.unseen,
-            "patches were seen by no camera of the capture and are missing",
+            "of the patches had to be left out, because no camera of the capture saw them",
         );
-        notes.count("floaters", defects.floaters, "splats float in the air");
+        notes.count(
+            "floaters",
+            defects.floaters,
+            "of the splats received a position in mid-air, like the floaters of a real capture",
+        );
         let out = Out {
             splats: Arc::new(splats),
             proxy: Arc::new(proxy),

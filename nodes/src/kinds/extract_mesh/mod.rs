@@ -88,7 +88,7 @@ const MOST_CUBES: usize = 1 << 16;
 
 impl Kind for ExtractMesh {
     const NAME: &'static str = "extract-mesh";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
     type Params = Self;
     type In = In;
@@ -214,10 +214,10 @@ impl Kind for ExtractMesh {
         cx.count("mesh_triangles", mesh.triangles.len() as u64);
         let mut tables = vec![report::counts(&[
             ("places", places.eyes.len()),
-            ("places given", places.given),
-            ("places too near to a surface", places.failed),
-            ("views from above", places.steep),
-            ("cubes of cells", held),
+            ("places taken from `around` and `cameras`", places.given),
+            ("candidate places too near to a surface", places.failed),
+            ("views of `around` from above", places.steep),
+            ("cubes of cells that were fused", held),
             ("triangles before simplification", raw),
             ("triangles", mesh.triangles.len()),
             ("vertices", mesh.positions.len()),

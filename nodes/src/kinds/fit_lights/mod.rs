@@ -18,7 +18,7 @@ mod sun;
 
 use self::place::Place;
 use self::shading::Shading;
-use self::sun::{Sun, Verdict};
+use self::sun::{RIVAL_DEG, Sun, Verdict};
 
 engine::params! {
     /// Finds the sun of a recovered environment from the shadows that it casts in the captured place.
@@ -68,7 +68,7 @@ engine::outputs! {
 
 impl Kind for FitLights {
     const NAME: &'static str = "fit-lights";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     type Params = Self;
     type In = In;
     type Out = Out;
@@ -150,20 +150,21 @@ fn report(env: &Environment, sun: Option<&Sun>, verdict: &str) -> Report {
             .map(Cell::Number);
         numbers.into_iter().chain([Cell::Text(verdict.to_owned())]).collect()
     });
+    let rival = format!("best gain more than {RIVAL_DEG} degrees away");
     let columns = [
         "azimuth (deg)",
         "elevation (deg)",
-        "irradiance red",
-        "irradiance green",
-        "irradiance blue",
-        "standard error (stops)",
-        "glow relative to clipped white",
+        "irradiance (red)",
+        "irradiance (green)",
+        "irradiance (blue)",
+        "standard error of the irradiance (stops)",
+        "radiance of clipped surfaces and sky, relative to their displayed value",
         "gain",
-        "gain of the best other direction",
+        rival.as_str(),
         "verdict",
     ];
     Report {
-        title: "Lights fitted to the shading of the place".to_owned(),
+        title: "Sun fitted to the shadows of the place".to_owned(),
         tables: vec![Table::new("sun", columns, rows.into_iter().collect())],
     }
 }

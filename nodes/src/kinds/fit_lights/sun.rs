@@ -28,7 +28,7 @@ const MARGIN_DEG: f64 = 2.0;
 /// Sine of the lowest elevation of a sun.
 const LOWEST: f64 = 0.02;
 /// Angle around the best direction, in degrees, within which other directions do not count as rivals.
-const RIVAL_DEG: f64 = 8.0;
+pub(super) const RIVAL_DEG: f64 = 8.0;
 /// Number of coarse directions that are refined.
 const REFINED: usize = 4;
 /// Step sizes of the refinement, in degrees.
@@ -84,7 +84,7 @@ impl Verdict {
                 "nothing above the horizon is clipped, or too few surface points can be compared"
             }
             Self::Unexplained => {
-                "no direction of a sun explains the colours of the place better than light without a sun"
+                "in no direction does a sun explain the colours of the place clearly better (see `min_gain`)"
             }
             Self::Ambiguous => "several directions explain the colours of the place about equally well",
             Self::Hidden => "the sun found from the shadows does not light the point of capture",

@@ -183,8 +183,8 @@ impl Lights {
         gain: Gain,
     ) -> Report {
         let sources = match gain {
-            Gain::Direct => vec!["from the gain map".to_owned()],
-            Gain::Brackets => evs.iter().map(|ev| format!("from EV {ev}")).collect(),
+            Gain::Direct => vec!["the gain map".to_owned()],
+            Gain::Brackets => evs.iter().map(|ev| format!("EV {ev}")).collect(),
         };
         let mut columns: Vec<String> = [
             "azimuth (deg, clockwise from forward)",
@@ -193,12 +193,12 @@ impl Lights {
             "irradiance on a plane facing the light, before fusion",
             "irradiance on a plane facing the light, after fusion",
             "peak luminance",
-            "share from EV 0",
+            "share of the power from EV 0",
         ]
         .map(String::from)
         .to_vec();
-        columns.extend(sources.iter().map(|s| format!("share {s}")));
-        columns.push("share that is a lower bound".to_owned());
+        columns.extend(sources.iter().map(|s| format!("share of the power from {s}")));
+        columns.push("share of the power that is a lower bound".to_owned());
         let mut lights: Vec<Light> =
             (0..self.members.len()).map(|i| self.light(i, up, pixels, fused, sources.len())).collect();
         // Brightest first; lights of equal brightness in the order of their first pixel.
@@ -231,8 +231,8 @@ impl Lights {
         };
         let each = |name: &str, of: fn(&Energy) -> f64| row(name.to_owned(), whole.iter().map(of).collect());
         let mut rows: Vec<Vec<Cell>> = vec![
-            each("power of the sphere (sr)", |energy| energy.power),
-            each("irradiance of the ground", |energy| energy.ground),
+            each("power over the whole sphere (sr)", |energy| energy.power),
+            each("irradiance on a plane that faces up", |energy| energy.ground),
             each("peak luminance", |energy| energy.peak),
         ];
         let listed = lights.iter().take(LISTED).enumerate();
@@ -241,11 +241,11 @@ impl Lights {
         }));
         if let Some(rest) = lights.get(LISTED..).filter(|rest| !rest.is_empty()) {
             let power = |step: usize| rest.iter().map(|light| light.power[step]).sum();
-            let name = format!("power of the {} lights not listed (sr)", rest.len());
+            let name = "power of the lights that are not listed (sr)".to_owned();
             rows.push(row(name, (0..self.steps.len()).map(power).collect()));
         }
         let names = self.steps.iter().map(|(name, _)| (*name).to_owned());
-        Table::new("steps", std::iter::once(String::new()).chain(names), rows)
+        Table::new("steps", std::iter::once("quantity".to_owned()).chain(names), rows)
     }
 
     fn light(&self, i: usize, up: Up, pixels: &LinearPixels, fused: &[Fused], sources: usize) -> Light {
@@ -345,5 +345,9 @@ fn energy(whole: &[Energy], lights: usize, unlisted: &[Light]) -> Table {
             Cell::Count(unlisted.len() as u64),
         ],
     ];
-    Table::new("energy", ["", "power (sr)", "irradiance of the ground", "peak luminance", "lights"], rows)
+    Table::new(
+        "energy",
+        ["item", "power (sr)", "irradiance on a plane that faces up", "peak luminance", "lights"],
+        rows,
+    )
 }

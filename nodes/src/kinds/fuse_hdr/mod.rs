@@ -120,7 +120,7 @@ struct Fused {
 
 impl Kind for FuseHdr {
     const NAME: &'static str = "fuse-hdr";
-    const VERSION: u32 = 7;
+    const VERSION: u32 = 8;
     type Params = Self;
     type In = In;
     type Out = Out;
@@ -206,7 +206,7 @@ impl Kind for FuseHdr {
         notes.count(
             "lights-not-listed",
             lights.unlisted(),
-            "lights are not listed individually in the report",
+            "of the lights had to be left out of the lists in the report, which give their sum instead",
         );
         let report = lights.report(base.up, &pixels, &fused, &brackets.evs, params.gain);
         let env = Environment { image: image.into(), up: base.up, origin: base.origin };
@@ -271,7 +271,11 @@ fn report_broken(pixels: &LinearPixels, notes: &mut Notes) {
             format!("samples that are not finite count as black (count: {})", pixels.broken),
         );
     }
-    notes.count("below-zero", pixels.negative, "samples below 0 count as black");
+    notes.count(
+        "below-zero",
+        pixels.negative,
+        "of the samples had a value below 0, which was replaced with 0",
+    );
 }
 
 /// Luminance of a pixel according to the gain map.

@@ -275,11 +275,23 @@ fn clean(name: &str, raw: RawMesh, srgb: bool, cx: &Context, notes: &mut Notes) 
         }
     }
     for (id, count, what) in [
-        ("vertices-not-finite", lost, "vertices with coordinates that are not finite were dropped"),
-        ("faces-of-dropped-vertices", dangling, "triangles with dropped vertices were dropped"),
-        ("triangles-without-area", flat, "triangles without area were dropped"),
-        ("colours-clamped", clamped, "vertex colours outside 0 to 1 were clamped"),
-        ("faces-fanned", raw.fanned, "faces of more than three corners were split into fans"),
+        (
+            "vertices-not-finite",
+            lost,
+            "of the vertices had coordinates that are not finite and had to be dropped",
+        ),
+        (
+            "faces-of-dropped-vertices",
+            dangling,
+            "of the triangles had a dropped vertex and had to be dropped too",
+        ),
+        ("triangles-without-area", flat, "of the triangles had no area and had to be dropped"),
+        ("colours-clamped", clamped, "of the vertex colours had to be clamped to the range 0 to 1"),
+        (
+            "faces-fanned",
+            raw.fanned,
+            "of the faces had more than three corners and had to be split into triangles",
+        ),
     ] {
         notes.count(id, count, what);
     }

@@ -112,7 +112,7 @@ impl Decision {
             Block::Pass => format!("Transparent{}", extra(false)),
             Block::FrontFace { max_layers, flip, .. } => {
                 let side = if *flip { ", normals reversed" } else { "" };
-                format!("Room, {max_layers} layers{side}{}", extra(false))
+                format!("Room(layers: {max_layers}){side}{}", extra(false))
             }
             Block::PassBeyond { radius, .. } => {
                 format!("Within {radius} units of the point of capture{}", extra(false))
@@ -199,19 +199,19 @@ mod tests {
         );
         for (surroundings, probe, captured, light, expected) in [
             (Auto, room, true, 0.0, "Projected"),
-            (Auto, room, false, 0.0, "Room, 3 layers"),
-            (Distant, room, true, 0.0, "Room, 3 layers"),
+            (Auto, room, false, 0.0, "Room(layers: 3)"),
+            (Distant, room, true, 0.0, "Room(layers: 3)"),
             (Projected, outdoors, true, 1.0, "Projected"),
             (Auto, outdoors, true, 1.0, "Open"),
             (Auto, garden, true, 1.0, "Projected"),
             (Distant, garden, true, 1.0, "Open"),
-            (Auto, garden, false, 0.1, "Room, 3 layers"),
+            (Auto, garden, false, 0.1, "Room(layers: 3)"),
             (Auto, mixed, false, 0.0, "Transparent"),
             (Auto, dark, false, 0.0, "Transparent"),
-            (Auto, probe(0, 0, 256), false, 0.0, "Room, 3 layers, normals reversed"),
+            (Auto, probe(0, 0, 256), false, 0.0, "Room(layers: 3), normals reversed"),
             (Surroundings::OPEN, room, true, 0.0, "Open"),
             (Surroundings::Open { bounces: false }, room, true, 0.0, "Open, without bounces"),
-            (Surroundings::ROOM, outdoors, true, 0.0, "Room, 3 layers"),
+            (Surroundings::ROOM, outdoors, true, 0.0, "Room(layers: 3)"),
             (Surroundings::Transparent { bounces: true }, room, true, 0.0, "Transparent, with bounces"),
             (
                 Surroundings::Within { metres: 2.0, bounces: false },

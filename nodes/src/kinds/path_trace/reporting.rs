@@ -42,24 +42,36 @@ pub(crate) fn report_inputs(mesh: &Mesh, prepared: &PreparedScene<'_>, objects: 
     }
     let receiver = prepared.receiver();
     let counts = [
-        ("clamped-albedo", receiver.clamped, "vertex colours outside 0 to 1 were clamped"),
+        ("clamped-albedo", receiver.clamped, "of the vertex colours had to be clamped to the range 0 to 1"),
         (
             "raised-albedo",
             receiver.raised,
-            "vertex colours had channels below 0.01, which were raised to 0.01",
+            "of the vertex colours had a channel below 0.01, which was raised to 0.01",
         ),
         (
             "receiver-not-finite",
             receiver.bvh.broken,
-            "receiver triangles with non-finite positions were ignored",
+            "of the receiver triangles had a position that is not finite and had to be ignored",
         ),
-        ("receiver-degenerate", receiver.bvh.degenerate, "receiver triangles without area were ignored"),
-        ("object-not-finite", objects.bvh.broken, "object triangles with non-finite positions were ignored"),
-        ("object-degenerate", objects.bvh.degenerate, "object triangles without area were ignored"),
+        (
+            "receiver-degenerate",
+            receiver.bvh.degenerate,
+            "of the receiver triangles had no area and had to be ignored",
+        ),
+        (
+            "object-not-finite",
+            objects.bvh.broken,
+            "of the object triangles had a position that is not finite and had to be ignored",
+        ),
+        (
+            "object-degenerate",
+            objects.bvh.degenerate,
+            "of the object triangles had no area and had to be ignored",
+        ),
         (
             "dark-texels",
             prepared.sky().broken,
-            "environment values were negative or not finite and count as 0",
+            "of the samples of the environment had a negative or non-finite value, which counts as 0",
         ),
     ];
     for (id, n, text) in counts {
@@ -158,7 +170,10 @@ pub(crate) fn report_views(
         if looks && view.shows_objects() {
             let found = holes(&view.depth);
             let share = 100.0 * found as f64 / view.depth.samples.len().max(1) as f64;
-            let text = format!("pixels of `{}` ({share:.1} %) show holes in the receiver mesh", camera.name);
+            let text = format!(
+                "of the pixels of `{}` ({share:.1} %) showed a hole in the receiver mesh",
+                camera.name
+            );
             notes.count("holes", found, format_args!("{text}, where no shadow can fall"));
         }
         report_darkness(view, &camera.name, prepared.sky().power, rules, notes);

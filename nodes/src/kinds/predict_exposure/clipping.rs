@@ -170,7 +170,10 @@ impl<'a> Clipping<'a> {
         let kept =
             self.mask.iter().zip(log2_gain).filter(|(clipped, gain)| **clipped && **gain == 0.0).count();
         if kept > 0 && matches!(self.params.method, Method::Skip | Method::Manual { .. }) {
-            notes.warning("clipping-kept", format!("{kept} of {clipped} clipped pixels are not changed"));
+            notes.warning(
+                "clipping-kept",
+                format!("clipped pixels are not changed (count: {kept} of {clipped})"),
+            );
         }
         let regions =
             if clipped > 0 && regions.is_empty() { self.on_grid().with_gain(log2_gain) } else { regions };
@@ -180,7 +183,8 @@ impl<'a> Clipping<'a> {
                 "a small clipped region above the horizon, in a sky bluer than the ground, counts as the sun",
             );
         }
-        notes.count("clipped-regions", regions.len() as u64, "clipped regions");
+        let what = if regions.len() == 1 { "clipped region" } else { "clipped regions" };
+        notes.count("clipped-regions", regions.len() as u64, what);
         regions
     }
 }

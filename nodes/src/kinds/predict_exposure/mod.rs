@@ -394,7 +394,7 @@ fn report(method: &Method, clipped: u64, pixels: u64, regions: &[RegionLight]) -
         "mean gain (stops)",
         "peak gain (stops)",
         "uncertainty of the mean gain (stops)",
-        "taken for",
+        "treated as",
     ];
     let row = |r: &RegionLight| {
         let numbers = [r.azimuth_deg, r.elevation_deg, r.solid_angle, r.mean_log2_gain, r.peak_log2_gain];

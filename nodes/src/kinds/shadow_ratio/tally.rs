@@ -54,13 +54,13 @@ impl Tally {
         notes.count(
             "too-dark",
             self.dark,
-            format_args!("samples ({:.2} %) have too little light for a reliable ratio; their shadow is weakened or left out", share(self.dark)),
+            format_args!("of the samples ({:.2} %) had too little light for a reliable ratio, so the shadow there is weakened or left out", share(self.dark)),
         );
         notes.count(
             "clipped",
             self.clipped,
             format_args!(
-                "samples ({:.2} %) exceed the ratio `s_max` = {s_max} by more than 1 %: with the objects they are {:.3} times as bright in total",
+                "of the samples ({:.2} %) exceeded the ratio `s_max` = {s_max} by more than 1 %; there, the total light with the objects is {:.3} times the light without them",
                 share(self.clipped),
                 self.bright[0] / self.bright[1].max(f64::MIN_POSITIVE)
             ),

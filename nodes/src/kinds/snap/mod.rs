@@ -73,7 +73,7 @@ const STEEPEST: f64 = 0.7;
 
 impl Kind for Snap {
     const NAME: &'static str = "snap";
-    const VERSION: u32 = 5;
+    const VERSION: u32 = 6;
     const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
     const STORE: Keep = Keep::Cheap;
     type Params = Self;
@@ -169,7 +169,7 @@ impl Kind for Snap {
         let columns =
             ["moved up (world units)", "roughness (world units)", "normal x", "normal y", "normal z"];
         let table = Table::new("ground", columns, vec![row.map(Cell::Number).to_vec()]);
-        let report = Report { title: "Put on the ground".to_owned(), tables: vec![table] };
+        let report = Report { title: "Object placed on the ground".to_owned(), tables: vec![table] };
         Ok((Out { pose: Arc::new(Pose { world_from_local: moved }), report: Arc::new(report) }, notes))
     }
 }

@@ -251,7 +251,7 @@ impl Stitch {
 
 impl Kind for Stitch {
     const NAME: &'static str = "stitch";
-    const VERSION: u32 = 5;
+    const VERSION: u32 = 6;
     const READS: &'static [ContextField] = &[ContextField::Up];
     type Params = Self;
     type In = In;

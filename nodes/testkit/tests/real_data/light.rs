@@ -129,7 +129,7 @@ fn errors(method: &Method) -> [[f64; 2]; 2] {
                 number(&row.unwrap()[1]).abs()
             };
             sums[0] += row("mean irradiance") / count;
-            sums[1] += row("dominant light against the rest") / count;
+            sums[1] += row("contrast of the dominant light") / count;
         }
     }
     sums

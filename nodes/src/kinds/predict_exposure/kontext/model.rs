@@ -93,7 +93,7 @@ impl Kontext<'_> {
         let height = width / 2;
         notes.decision(
             "kontext",
-            format!("Flux.1 Kontext made {passes} exposures at {width} x {height} pixels, each {STOPS} stops darker than the previous one"),
+            format!("Flux.1 Kontext made exposures of {width} x {height} pixels, each {STOPS} stops darker than the previous one (count: {passes})"),
         );
         cx.count("diffusion-steps", (passes * settings.steps * if self.seamless { 2 } else { 1 }) as u64);
         let small = shrunk(pixels, width, height);

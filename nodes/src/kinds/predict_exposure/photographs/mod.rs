@@ -220,7 +220,7 @@ impl Photographs {
         notes.count(
             "white-early",
             added,
-            "pixels below `white` count as clipped, since a photograph shows more light there",
+            "of the pixels below `white` had to count as clipped, since a photograph shows more light there",
         );
         Ok(())
     }
