@@ -3,6 +3,7 @@
 
 pub(crate) mod base64;
 pub(crate) mod colour_range;
+pub mod cube;
 pub mod exr;
 pub(crate) mod foreign;
 pub mod gltf;

@@ -2,9 +2,11 @@
 
 use engine::{Context, NodeError, Notes};
 
+use super::cube::CubeLut;
 use super::png::Raster;
 use crate::math::color::space::{Conversion, Space};
 use crate::math::color::view::{Display, View};
+use crate::math::num;
 use crate::types::Picture;
 
 engine::choices! {
@@ -17,18 +19,68 @@ engine::choices! {
     }
 }
 
+engine::choices! {
+    /// Colour space of a display.
+    pub enum DisplaySpace {
+        /// sRGB.
+        Srgb,
+        /// Display P3, for wide-gamut screens.
+        DisplayP3,
+        /// Rec.709 video, for a display of BT.1886 (gamma 2.4).
+        Rec709,
+        /// Rec.2020 video, for a display of BT.1886 (gamma 2.4).
+        Rec2020,
+    }
+}
+impl DisplaySpace {
+    /// The colour space.
+    pub fn space(self) -> Space {
+        match self {
+            DisplaySpace::Srgb => Space::Srgb,
+            DisplaySpace::DisplayP3 => Space::DisplayP3,
+            DisplaySpace::Rec709 => Space::Rec709,
+            DisplaySpace::Rec2020 => Space::Rec2020,
+        }
+    }
+}
+
 /// How pictures are shown on a display.
 #[derive(Debug, Clone)]
 pub(crate) struct Shown {
-    linear: Display,
+    linear: Look,
     encoded: Conversion,
+}
+
+/// How linear light is shown.
+#[derive(Debug, Clone)]
+enum Look {
+    View(Display),
+    Lut { gain: f32, input: Conversion, lut: CubeLut },
+}
+
+impl Look {
+    fn apply(&self, light: [f32; 3]) -> [f32; 3] {
+        match self {
+            Look::View(display) => display.apply(light),
+            Look::Lut { gain, input, lut } => lut.apply(input.apply(light.map(|v| v * gain))),
+        }
+    }
 }
 
 impl Shown {
     /// On a display with the colour space `space`: linear light with a view transform after a gain of
     /// `2^exposure`, display-encoded colours as they are.
     pub fn on(space: Space, view: View, exposure: f64) -> Self {
-        Self { linear: Display::new(view, exposure, space), encoded: Conversion::new(Space::Srgb, space) }
+        let linear = Look::View(Display::new(view, exposure, space));
+        Self { linear, encoded: Conversion::new(Space::Srgb, space) }
+    }
+
+    /// On a display with the colour space `space`: linear light after a gain of `2^exposure` is encoded in `input`
+    /// and passes a lookup table, display-encoded colours stay as they are.
+    pub fn by(lut: CubeLut, input: Space, exposure: f64, space: Space) -> Self {
+        let input = Conversion::new(Space::LinearRec709, input);
+        let linear = Look::Lut { gain: num::f64::exp2(exposure) as f32, input, lut };
+        Self { linear, encoded: Conversion::new(Space::Srgb, space) }
     }
 }
 

@@ -2,8 +2,12 @@
 
 use std::sync::Arc;
 
-use engine::{Context, ContextField, Cost, FileBytes, Files, Kind, NodeError, Notes, OutputFile, ViewCount};
+use engine::{
+    Context, ContextField, Cost, FileBytes, Files, InputFile, Kind, NodeError, Notes, OutputFile, SourceFile,
+    SourceRoot, ViewCount,
+};
 
+use crate::io::cube::CubeLut;
 use crate::io::progress::Progress;
 use crate::io::quantise::{Shown, quantise};
 use crate::io::recipe::KEYWORD;
@@ -11,7 +15,7 @@ use crate::io::{jpeg, png};
 use crate::math::color::space::Space;
 use crate::types::{Images, NamedImage, Picture};
 
-pub use crate::io::quantise::AlphaOutput;
+pub use crate::io::quantise::{AlphaOutput, DisplaySpace};
 pub use crate::math::color::view::View;
 
 engine::choices! {
@@ -21,19 +25,6 @@ engine::choices! {
         Balanced,
         /// Takes a tenth of the time and makes larger files; used by `watch` for previews.
         Fast,
-    }
-}
-engine::choices! {
-    /// Colour space of a display.
-    pub enum DisplaySpace {
-        /// sRGB.
-        Srgb,
-        /// Display P3, for wide-gamut screens.
-        DisplayP3,
-        /// Rec.709 video, for a display of BT.1886 (gamma 2.4).
-        Rec709,
-        /// Rec.2020 video, for a display of BT.1886 (gamma 2.4).
-        Rec2020,
     }
 }
 engine::params! {
@@ -53,6 +44,11 @@ engine::params! {
         view: View = View::None, other("AgX");
         /// Exposure of linear light before the view transform; 1 doubles the light.
         exposure: f64 = 0.0, range(-64, 64), unit("stops"), other("1.0");
+        /// Lookup table of colours (`.cube`) for linear light, in place of `view`. Its inputs are encoded in
+        /// `lut_space`, and its outputs are codes of `space`.
+        lut: Option<InputFile> = None, other("Some(\"look.cube\")");
+        /// Colour space of the inputs of `lut`.
+        lut_space: Space = Space::Srgb, other("AcesCct");
         /// Colour space of the file. A PNG states it; JPEG is always sRGB.
         space: DisplaySpace = DisplaySpace::Srgb, other("DisplayP3");
         /// JPEG quality.
@@ -107,6 +103,11 @@ impl Kind for WriteImage {
                 .at("bits")
                 .hint("end the path in `.png`"));
         }
+        if p.lut.is_some() && p.view != View::None {
+            return Err(NodeError::new("`view` and `lut` cannot both be given")
+                .at("lut")
+                .hint("a lookup table contains the view transform; remove `view`"));
+        }
         if jpeg && p.space != DisplaySpace::Srgb {
             return Err(NodeError::new("a JPEG cannot state a colour space other than sRGB")
                 .at("space")
@@ -120,7 +121,11 @@ impl Kind for WriteImage {
         Ok(())
     }
 
-    fn views(_: &Self, _: &engine::SourceRoot) -> ViewCount {
+    fn sources(p: &Self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
+        Ok(p.lut.iter().map(|file| root.file(file)).collect())
+    }
+
+    fn views(_: &Self, _: &SourceRoot) -> ViewCount {
         ViewCount::As(&["image"])
     }
 
@@ -145,19 +150,21 @@ impl Kind for WriteImage {
             return Err(NodeError::new("there is no view to write").at("image"));
         }
         let recipe = cx.recipe().filter(|_| p.recipe);
-        let space = match p.space {
-            DisplaySpace::Srgb => Space::Srgb,
-            DisplaySpace::DisplayP3 => Space::DisplayP3,
-            DisplaySpace::Rec709 => Space::Rec709,
-            DisplaySpace::Rec2020 => Space::Rec2020,
+        let space = p.space.space();
+        let shown = match &p.lut {
+            None => Shown::on(space, p.view, p.exposure),
+            Some(file) => {
+                let bytes = cx.read(file).map_err(|e| e.at("lut"))?;
+                let lut = CubeLut::read(&file.0, &bytes).map_err(|e| NodeError::from(e).at("lut"))?;
+                Shown::by(lut, p.lut_space, p.exposure, space)
+            }
         };
-        let shown = Shown::on(space, p.view, p.exposure);
-        let graded = p.view != View::None || p.exposure != 0.0;
+        let graded = p.view != View::None || p.lut.is_some() || p.exposure != 0.0;
         if graded && views.iter().any(|view| matches!(view.picture, Picture::Srgb(_))) {
             notes.warning(
                 "view-ignored",
-                "the picture is display-encoded already, so `view` and `exposure` do not change it; wire linear light \
-                 instead",
+                "the picture is display-encoded already, so `view`, `lut` and `exposure` do not change it; wire \
+                 linear light instead",
             );
         }
         for (index, view) in views.iter().enumerate() {
@@ -197,6 +204,8 @@ mod tests {
             alpha: AlphaOutput::Drop,
             view: View::None,
             exposure: 0.0,
+            lut: None,
+            lut_space: Space::Srgb,
             space: DisplaySpace::Srgb,
             quality: 92,
             effort: Effort::Balanced,
@@ -298,6 +307,28 @@ mod tests {
         let (bytes, notes) = write(&p, Image::<Srgb>::from_samples(1, 1, 3, vec![0.5; 3]));
         assert_eq!(codes(&bytes), [128; 3]);
         assert!(notes.iter().any(|note| note.id == "view-ignored"));
+    }
+
+    /// A lookup table replaces the view transform: light is encoded in `lut_space`, and entries are codes.
+    #[test]
+    fn a_lookup_table_is_applied_to_encoded_light() {
+        let folder = tempfile::tempdir().unwrap_or_else(|e| panic!("{e}"));
+        let inverted = CubeLut::write("", 2, |code| code.map(|v| 1.0 - v));
+        std::fs::write(folder.path().join("look.cube"), inverted).unwrap_or_else(|e| panic!("{e}"));
+        let p = WriteImage {
+            lut: Some(InputFile("look.cube".into())),
+            lut_space: Space::LinearRec709,
+            exposure: 1.0,
+            ..node("a.png")
+        };
+        assert!(WriteImage::check(&WriteImage { view: View::AgX, ..p.clone() }).is_err());
+        let scene = engine::Scene { up: engine::Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false };
+        let cx = Context::detached(scene, folder.path());
+        let light = Image::<Linear>::from_samples(1, 1, 3, vec![0.1, 0.2, 0.4]);
+        let image = Arc::new(Images::single("v", light));
+        let (out, _) = WriteImage::run(&p, In { image }, &cx).unwrap_or_else(|e| panic!("{e}"));
+        let back = png::read("a.png", &out.files.0[0].bytes).unwrap_or_else(|e| panic!("{e}"));
+        assert_eq!(back.codes, [204, 153, 51]);
     }
 
     #[test]

@@ -12,41 +12,42 @@ pub enum Reference {
     Display,
 }
 
-/// A colour space. The working space of all light is [`LinearRec709`](Space::LinearRec709).
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Space {
-    /// Linear light with the primaries of Rec.709: the working space.
-    LinearRec709,
-    /// Linear light with the primaries of Display P3.
-    LinearP3,
-    /// Linear light with the primaries of Rec.2020.
-    LinearRec2020,
-    /// ACEScg: linear light with the primaries AP1.
-    AcesCg,
-    /// ACES2065-1: linear light with the primaries AP0.
-    Aces2065,
-    /// ACEScct: logarithmic, with the primaries AP1.
-    AcesCct,
-    /// ARRI LogC3, exposure index 800, with ARRI Wide Gamut 3.
-    LogC3,
-    /// ARRI LogC4 with ARRI Wide Gamut 4.
-    LogC4,
-    /// Sony S-Log3 with S-Gamut3.
-    SLog3,
-    /// Sony S-Log3 with S-Gamut3.Cine.
-    SLog3Cine,
-    /// Panasonic V-Log with V-Gamut.
-    VLog,
-    /// DaVinci Intermediate with DaVinci Wide Gamut.
-    DaVinci,
-    /// sRGB.
-    Srgb,
-    /// Rec.709 as shown on a display of BT.1886.
-    Rec709,
-    /// Display P3: the curve of sRGB with the primaries of P3.
-    DisplayP3,
-    /// Rec.2020 as shown on a display of BT.1886.
-    Rec2020,
+engine::choices! {
+    /// A colour space. The working space of all light is `LinearRec709`.
+    pub enum Space {
+        /// Linear light with the primaries of Rec.709: the working space.
+        LinearRec709,
+        /// Linear light with the primaries of Display P3.
+        LinearP3,
+        /// Linear light with the primaries of Rec.2020.
+        LinearRec2020,
+        /// ACEScg: linear light with the primaries AP1.
+        AcesCg,
+        /// ACES2065-1: linear light with the primaries AP0.
+        Aces2065,
+        /// ACEScct: logarithmic, with the primaries AP1.
+        AcesCct,
+        /// ARRI LogC3, exposure index 800, with ARRI Wide Gamut 3.
+        LogC3,
+        /// ARRI LogC4 with ARRI Wide Gamut 4.
+        LogC4,
+        /// Sony S-Log3 with S-Gamut3.
+        SLog3,
+        /// Sony S-Log3 with S-Gamut3.Cine.
+        SLog3Cine,
+        /// Panasonic V-Log with V-Gamut.
+        VLog,
+        /// DaVinci Intermediate with DaVinci Wide Gamut.
+        DaVinci,
+        /// sRGB.
+        Srgb,
+        /// Rec.709 as shown on a display of BT.1886.
+        Rec709,
+        /// Display P3: the curve of sRGB with the primaries of P3.
+        DisplayP3,
+        /// Rec.2020 as shown on a display of BT.1886.
+        Rec2020,
+    }
 }
 
 impl Space {
