@@ -1,12 +1,14 @@
 //! View transforms: from scene-referred light to the light of a display.
 
+mod aces;
 mod agx;
 mod filmic;
 mod neutral;
 
 use super::curve::Curve;
-use super::primaries::{Matrix, REC709, product_vector};
+use super::primaries::{Matrix, P3_D65, REC709, product_vector};
 use super::space::Space;
+use aces::Aces;
 
 engine::choices! {
     /// View transform: how scene-referred light is shown on a display, which ends at its white.
@@ -19,6 +21,8 @@ engine::choices! {
         /// Khronos PBR Neutral: keeps colours below 0.8 almost as they are, so products look as specified, and
         /// compresses highlights.
         PbrNeutral,
+        /// The output transform of ACES 2.0 for displays with a white of 100 cd/m2.
+        Aces,
         /// The filmic curve of Hable (Uncharted 2), for each channel.
         Filmic,
     }
@@ -27,11 +31,18 @@ engine::choices! {
 /// A view transform with the exposure before it, into one display space.
 #[derive(Debug, Clone)]
 pub struct Display {
-    view: View,
+    look: Look,
     gain: f64,
     /// From Rec.709 to the primaries of the display; `None` if they are the same.
     matrix: Option<Matrix>,
     curve: Curve,
+}
+
+/// What a view transform needs.
+#[derive(Debug, Clone)]
+enum Look {
+    Plain(View),
+    Aces(Box<Aces>),
 }
 
 impl Display {
@@ -39,18 +50,25 @@ impl Display {
     pub fn new(view: View, exposure: f64, display: Space) -> Self {
         let same = *display.primaries() == REC709;
         let matrix = (!same).then(|| REC709.to(display.primaries()));
-        Self { view, gain: crate::math::num::f64::exp2(exposure), matrix, curve: display.curve() }
+        let look = match view {
+            // Rec.2020 displays are driven within P3, as the Academy's own transforms do.
+            View::Aces if display == Space::Rec2020 => Look::Aces(Box::new(Aces::new(&P3_D65))),
+            View::Aces => Look::Aces(Box::new(Aces::new(display.primaries()))),
+            _ => Look::Plain(view),
+        };
+        Self { look, gain: crate::math::num::f64::exp2(exposure), matrix, curve: display.curve() }
     }
 
     /// The encoded colour that shows linear light of Rec.709. In the gamut of the display, components lie between
     /// 0 and 1 unless `view` is [`View::None`]; other colours may have components outside.
     pub fn apply(&self, light: [f32; 3]) -> [f32; 3] {
         let light = light.map(|v| f64::from(v) * self.gain);
-        let shown = match self.view {
-            View::None => light,
-            View::AgX => agx::formed(light),
-            View::PbrNeutral => neutral::compressed(light),
-            View::Filmic => light.map(filmic::compressed),
+        let shown = match &self.look {
+            Look::Aces(aces) => aces.formed(light),
+            Look::Plain(View::AgX) => agx::formed(light),
+            Look::Plain(View::PbrNeutral) => neutral::compressed(light),
+            Look::Plain(View::Filmic) => light.map(filmic::compressed),
+            Look::Plain(View::None | View::Aces) => light,
         };
         let shown = self.matrix.as_ref().map_or(shown, |matrix| product_vector(matrix, shown));
         shown.map(|v| self.curve.encoded(v) as f32)
@@ -61,7 +79,7 @@ impl Display {
 mod tests {
     use super::*;
 
-    const VIEWS: [View; 3] = [View::AgX, View::PbrNeutral, View::Filmic];
+    const VIEWS: [View; 4] = [View::AgX, View::PbrNeutral, View::Aces, View::Filmic];
 
     /// Greys stay grey, and brighter greys are shown brighter, from black to white.
     #[test]
@@ -98,6 +116,26 @@ mod tests {
                     }
                 }
             }
+        }
+    }
+
+    /// Codes of other programs: Blender 4.5 (AgX at entries of its table, so without interpolation; PBR Neutral),
+    /// and OpenColorIO 2.6.0 (ACES 2.0, `SDR-100nit-REC709_2.0`).
+    #[test]
+    fn codes_agree_with_other_programs() {
+        for (view, tolerance, light, wanted) in [
+            (View::AgX, 3e-4, [0.18, 0.18, 0.18], [0.461_36, 0.461_32, 0.461_31]),
+            (View::AgX, 3e-4, [21.164_264, 12.081_595, 7.155_843], [1.0, 0.982_618, 0.961_572]),
+            (View::PbrNeutral, 5e-3, [1.0, 1.0, 1.0], [0.936_38, 0.936_38, 0.936_38]),
+            (View::PbrNeutral, 5e-3, [0.8, 0.2, 0.05], [0.884_61, 0.443_29, 0.139_43]),
+            (View::Aces, 5e-4, [0.020_255_2, 0.020_255_2, 0.020_255_2], [0.039_479, 0.039_479, 0.039_479]),
+            (View::Aces, 5e-4, [18.197_5, 0.007_096_48, 0.003_066_486], [1.0, 0.754_304, 0.702_376]),
+            (View::Aces, 5e-4, [3.613_427, 0.147_437, 8.005_386], [0.865_057, 0.658_992, 1.0]),
+            (View::Aces, 5e-4, [-0.018_118_55, -0.032_640_03, 1.452_138_7], [0.0, 0.045_834, 0.856_336]),
+        ] {
+            let own = Display::new(view, 0.0, Space::Srgb).apply(light);
+            let off = own.iter().zip(wanted).map(|(a, b): (&f32, f32)| (a - b).abs()).fold(0.0, f32::max);
+            assert!(off < tolerance, "{view:?} {light:?}: {own:?}, not {wanted:?}");
         }
     }
 
