@@ -7,7 +7,7 @@ use std::fmt::Write as _;
 use engine::{Graph, Planned};
 use trade::escape::escaped;
 
-use super::state;
+use super::state::state;
 
 /// Height of a box, in pixels.
 const HEIGHT: usize = 52;

@@ -12,7 +12,7 @@ use exr::prelude::{
     f16,
 };
 
-use super::Channel;
+use super::planes::Channel;
 use crate::error::Error;
 use crate::io::progress::Progress;
 use crate::math::color::primaries::{Primaries, REC709};
