@@ -7,7 +7,7 @@ use engine::{NodeError, Notes};
 use serde_json::json;
 use tobj::LoadOptions;
 
-use super::glb::{Builder, Part};
+use super::glb::{Builder, GlbMesh};
 use crate::error::Error;
 use crate::io::foreign::{BYTE_ORDER_MARK, refuse_foreign};
 use crate::math::num;
@@ -138,7 +138,7 @@ pub(super) fn read(
         let three = |list: &[f32]| list.as_chunks::<3>().0.to_vec();
         // Row 0 of a picture is at the top in glTF, and at the bottom here.
         let uv = mesh.texcoords.as_chunks::<2>().0.iter().map(|[u, v]| [*u, 1.0 - v]).collect();
-        builder.add(&Part {
+        builder.add(&GlbMesh {
             positions: three(&mesh.positions),
             normals: three(&mesh.normals),
             uv,
