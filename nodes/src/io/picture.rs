@@ -84,7 +84,7 @@ pub(crate) fn decode(
         }
         [0x76, 0x2f, 0x31, 0x01, ..] => {
             let opened = exr::open(name, bytes, of_layer)?;
-            tell(&opened, of_layer.is_empty(), notes);
+            report_choice(&opened, of_layer.is_empty(), notes);
             let found = layer(name, &opened)?;
             let (width, height) = opened.size();
             (width, height, found.len(), opened.interleaved(&found, progress)?, true)
@@ -138,7 +138,7 @@ const OTHER_PRIMARIES: &str =
     "the chromaticities of the file differ from sRGB and are ignored; convert the picture to linear Rec. 709";
 
 /// Adds notes about parts of an EXR file that are ignored.
-fn tell(file: &exr::Opened<'_>, by_default: bool, notes: &mut Notes) {
+fn report_choice(file: &exr::Opened<'_>, by_default: bool, notes: &mut Notes) {
     if file.parts() > 1 && by_default {
         notes.warning(
             "one-part-only",

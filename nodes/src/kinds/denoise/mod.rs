@@ -184,7 +184,7 @@ impl Kind for Denoise {
         let mut sets: [Vec<NamedImage>; 3] = Default::default();
         let views = &inputs.without.0;
         let (mut notes, mut fireflies) = (Notes::none(), 0);
-        params.method.tell(&mut notes)?;
+        params.method.report(&mut notes)?;
         for (index, view) in views.iter().enumerate() {
             cx.check()?;
             let without = linear(&view.picture, "without")?;

@@ -11,7 +11,7 @@ pub(in super::super) fn sources() -> Result<Vec<SourceFile>, NodeError> {
         .hint("build it with `--features oidn`, or use `Means`"))
 }
 
-pub(in super::super) fn tell(_: &mut Notes) -> Result<(), NodeError> {
+pub(in super::super) fn report(_: &mut Notes) -> Result<(), NodeError> {
     sources().map(|_| ())
 }
 

@@ -39,7 +39,7 @@ pub(in super::super) fn sources() -> Result<Vec<SourceFile>, NodeError> {
     Ok(vec![SourceFile { name, path }])
 }
 
-pub(in super::super) fn tell(notes: &mut Notes) -> Result<(), NodeError> {
+pub(in super::super) fn report(notes: &mut Notes) -> Result<(), NodeError> {
     let text = format!(
         "filtered by Open Image Denoise {}, which may give different bytes on another processor",
         library()?.version()
