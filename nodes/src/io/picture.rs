@@ -137,7 +137,7 @@ pub(crate) fn decode(
         }
         [0x76, 0x2f, 0x31, 0x01, ..] => {
             let opened = exr::open(name, bytes, of_layer)?;
-            tell(&opened, of_layer.is_empty(), notes);
+            report_choice(&opened, of_layer.is_empty(), notes);
             let found = layer(name, &opened)?;
             let (width, height) = opened.size();
             let samples = opened.interleaved(&found, progress)?;
@@ -231,7 +231,7 @@ fn stated(xy: Option<[[f32; 2]; 4]>, encoding: FileEncoding, notes: &mut Notes) 
 }
 
 /// Adds notes about parts of an EXR file that are ignored.
-fn tell(file: &exr::Opened<'_>, by_default: bool, notes: &mut Notes) {
+fn report_choice(file: &exr::Opened<'_>, by_default: bool, notes: &mut Notes) {
     if file.parts() > 1 && by_default {
         notes.warning(
             "one-part-only",

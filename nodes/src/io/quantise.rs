@@ -105,7 +105,7 @@ impl Lost {
         self.not_a_number += other.not_a_number;
     }
 
-    pub fn tell(self, view: &str, notes: &mut Notes) {
+    pub fn report(self, view: &str, notes: &mut Notes) {
         if self.not_a_number > 0 {
             notes.degraded(
                 "not-a-number",

@@ -57,8 +57,8 @@ impl Kind for LoadObject {
     fn estimate_files(_: &Self, files: &[FileHead<'_>]) -> Cost {
         let all = files.iter().fold(0, |sum: u64, file| sum.saturating_add(file.bytes));
         // External and embedded pictures: in the worst case all are decoded at the same time.
-        let beside = files.iter().filter_map(|file| Head::read(&mut file.open()?));
-        let pictures = beside.chain(files.first().into_iter().flat_map(pictures_inside));
+        let external = files.iter().filter_map(|file| Head::read(&mut file.open()?));
+        let pictures = external.chain(files.first().into_iter().flat_map(pictures_inside));
         let texels = pictures.map(|head| head.as_texels()[0]).fold(0, u64::saturating_add);
         // The files, their geometry as floats, again as triangles of the object, and the places of the vertices.
         // The text of an OBJ file is read to lists and a table of corners first.

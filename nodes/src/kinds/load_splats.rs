@@ -154,7 +154,7 @@ impl LoadSplats {
         for (done, (field, piece)) in names.iter().enumerate() {
             let file = &piece.file;
             cx.progress(done as f32 / total);
-            let fetch = |name: &str| cx.read_beside(file, name);
+            let fetch = |name: &str| cx.read_sibling(file, name);
             let read = || {
                 let bytes = cx.read(file)?;
                 // Notes are part of the result, which does not depend on the location of the file.

@@ -98,7 +98,7 @@ impl Kind for WriteAnimation {
                 }
                 rasters.push(raster);
             }
-            lost.tell(&view.name, &mut notes);
+            lost.report(&view.name, &mut notes);
             let srgb = !matches!(view.picture, Picture::Data(_));
             let packing = progress.part(0.1, 1.0);
             let bytes = png::write_frames(&rasters, delay(p.fps), p.plays, srgb, &texts, packing)?;

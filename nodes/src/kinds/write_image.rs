@@ -171,7 +171,7 @@ impl Kind for WriteImage {
             let progress = Progress::of(cx, 0.0, 1.0).piece(index, views.len());
             progress.report(0.0)?;
             let (raster, lost) = quantise(&view.picture, p.bits == 16, p.alpha, &shown, cx)?;
-            lost.tell(&view.name, &mut notes);
+            lost.report(&view.name, &mut notes);
             let space = (!matches!(view.picture, Picture::Data(_))).then_some(space);
             let bytes = if p.path.extension() == "png" {
                 let software = ("Software", "lightharmony");

@@ -9,7 +9,7 @@ use nodes::geometry::level::{self, LevelEstimate};
 use nodes::io::picture::of_bytes;
 use nodes::math::color::{linear_from_srgb, luminance, srgb_from_linear};
 use nodes::math::equirect::axes;
-use nodes::render::layout::View;
+use nodes::render::layout::Viewpoint;
 use nodes::render::look::{Canvas, Plan, of_mesh as splats_of_mesh, views};
 use nodes::render::splat::{Settings, render};
 use nodes::types::{Mesh, Picture, Rig, Splats};
@@ -82,7 +82,7 @@ impl Shown<'_> {
         Ok(sheet.png()?)
     }
 
-    fn view(&self, view: &View, up: DVec3, number: usize, cx: &Context) -> Result<Canvas, NodeError> {
+    fn view(&self, view: &Viewpoint, up: DVec3, number: usize, cx: &Context) -> Result<Canvas, NodeError> {
         let camera = view.camera("view", VIEW.map(|v| v as u32), up);
         let settings = Settings { near: 1e-3 * self.stand.radius, ..Settings::default() };
         let seen = render(self.splats, &camera, None, &settings, cx)?;

@@ -10,7 +10,7 @@ use engine::{Engine, Graph, Scene, Wire};
 use glam::DVec3;
 use nodes::geometry::support::corners;
 use nodes::math::equirect::axes;
-use nodes::render::agreement::{Comparison, Place, compare};
+use nodes::render::agreement::{CapturedPlace, Comparison, compare};
 use nodes::types::{Mesh, Placed, Rig, Splats};
 
 use super::wires;
@@ -87,7 +87,7 @@ fn of_pair(engine: &Engine, graph: &Graph, pair: &Pair) -> Option<Comparison> {
     let objects = pair.objects.iter().filter_map(|&wire| engine.value::<Placed>(graph, wire));
     let around: Vec<DVec3> = objects.filter_map(|placed| middle(&placed)).collect();
     let Scene { up, metres_per_unit, .. } = graph.scene;
-    let place = Place {
+    let place = CapturedPlace {
         splats: &splats,
         mesh: &mesh,
         cameras: &cameras,

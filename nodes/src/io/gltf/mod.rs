@@ -223,7 +223,7 @@ impl File {
 
     /// Paths of the other files to which the buffers and, if requested, the pictures refer. The paths are sorted
     /// and without duplicates.
-    pub fn beside(&self, want: Want) -> Result<Vec<String>, Error> {
+    pub fn other_files(&self, want: Want) -> Result<Vec<String>, Error> {
         let lists: &[&str] = if want == Want::Geometry { &["buffers"] } else { &["buffers", "images"] };
         let mut paths = BTreeSet::new();
         for list in lists {

@@ -35,9 +35,9 @@ impl Foreign {
 }
 
 /// The other files that a file refers to, by relative path: materials and their pictures.
-pub fn beside(path: &str, bytes: &[u8], mut read: impl FnMut(&str) -> Option<Vec<u8>>) -> Vec<String> {
+pub fn other_files(path: &str, bytes: &[u8], mut read: impl FnMut(&str) -> Option<Vec<u8>>) -> Vec<String> {
     match Foreign::of(path) {
-        Some(Foreign::Obj) => obj::beside(bytes, &mut read),
+        Some(Foreign::Obj) => obj::other_files(bytes, &mut read),
         _ => Vec::new(),
     }
 }
@@ -54,7 +54,7 @@ pub fn as_gltf<'a>(
     match Foreign::of(name) {
         None => return Ok(Cow::Borrowed(bytes)),
         Some(Foreign::Obj) => {
-            let read = |beside: &str| cx.read_beside(path, beside);
+            let read = |name: &str| cx.read_sibling(path, name);
             obj::read(name, bytes, &read, &mut builder, notes)?;
         }
         Some(Foreign::Stl) => stl::read(name, bytes, &mut builder, cx)?,

@@ -7,7 +7,7 @@ use engine::{NodeError, Notes};
 use serde_json::json;
 use tobj::LoadOptions;
 
-use super::glb::{Builder, Part};
+use super::glb::{Builder, GlbMesh};
 use crate::error::Error;
 use crate::io::foreign::{BYTE_ORDER_MARK, refuse_foreign};
 use crate::math::num;
@@ -51,7 +51,7 @@ fn map_path(value: &str) -> Option<String> {
 }
 
 /// Names of the material files, followed by the names of the pictures to which they refer.
-pub(super) fn beside(bytes: &[u8], read: &mut impl FnMut(&str) -> Option<Vec<u8>>) -> Vec<String> {
+pub(super) fn other_files(bytes: &[u8], read: &mut impl FnMut(&str) -> Option<Vec<u8>>) -> Vec<String> {
     let libraries: BTreeSet<String> = values(bytes, "mtllib").filter_map(|name| relative(&name)).collect();
     let mut files = Vec::new();
     for library in libraries {
@@ -72,7 +72,7 @@ pub(super) fn beside(bytes: &[u8], read: &mut impl FnMut(&str) -> Option<Vec<u8>
 pub(super) fn read(
     name: &str,
     bytes: &[u8],
-    beside: &dyn Fn(&str) -> Result<Vec<u8>, NodeError>,
+    read_file: &dyn Fn(&str) -> Result<Vec<u8>, NodeError>,
     builder: &mut Builder,
     notes: &mut Notes,
 ) -> Result<(), NodeError> {
@@ -83,7 +83,7 @@ pub(super) fn read(
     let (mut text, mut folder) = (Vec::new(), String::new());
     let libraries: BTreeSet<String> = values(bytes, "mtllib").filter_map(|name| relative(&name)).collect();
     for library in libraries {
-        match beside(&library) {
+        match read_file(&library) {
             Ok(read) => {
                 folder = library.rsplit_once('/').map_or(String::new(), |(folder, _)| format!("{folder}/"));
                 text.extend_from_slice(read.strip_prefix(BYTE_ORDER_MARK).unwrap_or(&read));
@@ -106,7 +106,7 @@ pub(super) fn read(
         let texture = material.diffuse_texture.as_deref().and_then(map_path);
         let texture = texture.map(|path| format!("{folder}{path}"));
         let texture = texture.filter(|path| {
-            let found = beside(path).is_ok();
+            let found = read_file(path).is_ok();
             if !found {
                 notes.degraded("texture-missing", format!("the texture `{path}` cannot be read"));
             }
@@ -138,7 +138,7 @@ pub(super) fn read(
         let three = |list: &[f32]| list.as_chunks::<3>().0.to_vec();
         // Row 0 of a picture is at the top in glTF, and at the bottom here.
         let uv = mesh.texcoords.as_chunks::<2>().0.iter().map(|[u, v]| [*u, 1.0 - v]).collect();
-        builder.add(&Part {
+        builder.add(&GlbMesh {
             positions: three(&mesh.positions),
             normals: three(&mesh.normals),
             uv,

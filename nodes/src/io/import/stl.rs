@@ -5,7 +5,7 @@ use std::io::Cursor;
 
 use engine::{Context, NodeError};
 
-use super::glb::{Builder, Part};
+use super::glb::{Builder, GlbMesh};
 use crate::error::Error;
 use crate::io::foreign::refuse_foreign;
 
@@ -34,7 +34,7 @@ pub(super) fn read(name: &str, bytes: &[u8], builder: &mut Builder, cx: &Context
     }
     let mut cursor = Cursor::new(plain);
     let triangles = stl_io::create_stl_reader(&mut cursor).map_err(|e| wrong(e.to_string()))?;
-    let (mut part, mut places) = (Part::default(), HashMap::new());
+    let (mut part, mut places) = (GlbMesh::default(), HashMap::new());
     for (at, triangle) in triangles.enumerate() {
         if at % 65_536 == 0 {
             cx.check()?;

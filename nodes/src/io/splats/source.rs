@@ -246,7 +246,7 @@ pub fn with_companions(file: &InputFile, root: &SourceRoot) -> Result<Vec<Source
             Format::Gltf => Document::read(&file.0, &bytes)?.files(&file.0)?,
             _ => Vec::new(),
         };
-        sources.extend(names.iter().map(|name| root.beside(&source, name)));
+        sources.extend(names.iter().map(|name| root.sibling(&source, name)));
     }
     Ok(sources)
 }

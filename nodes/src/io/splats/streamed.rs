@@ -40,7 +40,7 @@ struct Span {
 
 /// The files of one level, with the rows that belong to it.
 #[derive(Debug, PartialEq, Eq)]
-pub(crate) struct Level {
+pub(crate) struct DetailLevel {
     /// Relative path of each file and its rows; `None` for all rows.
     pub files: Vec<(String, Option<Ranges>)>,
     /// Number of levels of the scene.
@@ -60,7 +60,7 @@ pub(super) fn is_streamed(bytes: &[u8]) -> bool {
 
 /// Reads `lod-meta.json`. For a region without the wanted level, the nearest coarser level is used, otherwise the
 /// nearest finer level.
-pub(super) fn level(file: &str, bytes: &[u8], wanted: u32) -> Result<Level, Error> {
+pub(super) fn level(file: &str, bytes: &[u8], wanted: u32) -> Result<DetailLevel, Error> {
     let wrong = |what: String| Error::format(file, what);
     let lod: Lod = serde_json::from_slice(json_text(bytes))
         .map_err(|e| wrong(format!("not the `{NAME}` of a streamed SOG: {e}")))?;
@@ -103,7 +103,7 @@ pub(super) fn level(file: &str, bytes: &[u8], wanted: u32) -> Result<Level, Erro
             return Err(wrong(format!("the scene refers to `{name}`, which is not in the same folder")));
         }
     }
-    Ok(Level { files, levels: finest })
+    Ok(DetailLevel { files, levels: finest })
 }
 
 /// Sorts ranges and joins adjacent ranges. It is an error if ranges overlap, since regions do not share splats.

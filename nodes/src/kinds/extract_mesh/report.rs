@@ -5,7 +5,7 @@ use engine::{Context, NodeError};
 use glam::{DVec3, Vec3};
 
 use crate::geometry::bvh::Bvh;
-use crate::geometry::support::Level;
+use crate::geometry::support::GroundPlane;
 use crate::render::fusion::fit::fit;
 use crate::render::fusion::levels::Levels;
 use crate::render::fusion::surface::Surface;
@@ -51,7 +51,7 @@ pub(super) fn ground(surface: &Surface, seen: &[Seen], focus: Vec3, axes: [DVec3
             deviations.push(f64::from(seen.deviation));
         }
     }
-    let level = Level::of(&points);
+    let level = GroundPlane::of(&points);
     let median = |mut values: Vec<f64>| {
         values.sort_unstable_by(f64::total_cmp);
         values.get(values.len() / 2).copied()

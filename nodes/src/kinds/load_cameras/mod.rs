@@ -213,7 +213,7 @@ fn with_pictures(file: SourceFile, root: &SourceRoot) -> Vec<SourceFile> {
 fn existing(file: &SourceFile, picture: &str, root: &SourceRoot) -> Option<SourceFile> {
     ["", ".png", ".jpg", ".jpeg", ".JPG", ".PNG"]
         .iter()
-        .map(|ending| root.beside(file, &format!("{picture}{ending}")))
+        .map(|ending| root.sibling(file, &format!("{picture}{ending}")))
         .find(|source| source.path.is_file())
 }
 
@@ -282,8 +282,8 @@ fn unknown(path: &InputFile) -> NodeError {
 fn unused_dataparser(p: &LoadCameras, root: &SourceRoot) -> Option<SourceFile> {
     let needs =
         p.dataparser.is_none() && is_json(&p.path) && p.path.0.to_lowercase().ends_with("transforms.json");
-    let beside = needs.then(|| root.beside(&root.file(&p.path), dataparser::NAME))?;
-    (beside.path.is_file() && !p.path.0.ends_with(dataparser::NAME)).then_some(beside)
+    let unused = needs.then(|| root.sibling(&root.file(&p.path), dataparser::NAME))?;
+    (unused.path.is_file() && !p.path.0.ends_with(dataparser::NAME)).then_some(unused)
 }
 
 fn read(p: &LoadCameras, cx: &Context, notes: &mut Notes) -> Result<Vec<Raw>, NodeError> {

@@ -7,7 +7,7 @@ use super::interface::PathTrace;
 use super::scale::{short, why_not_seen};
 use super::unseen::Unseen;
 use crate::geometry::bvh::Ray;
-use crate::geometry::support::Level;
+use crate::geometry::support::GroundPlane;
 use crate::render::transport::ground::capture_point::{CaptureFault, NEAREST};
 use crate::render::transport::ground::embedded::Embedded;
 use crate::render::transport::ground::limits::LARGEST;
@@ -256,7 +256,7 @@ fn report_embedded(embedded: &[Option<Embedded>], metres_per_unit: f64, notes: &
 /// or reach into it. `tall` contains the heights of the objects in world units. Offsets within `contact_metres` are
 /// not reported.
 fn report_contact(
-    measured: &[Option<Level>],
+    measured: &[Option<GroundPlane>],
     carried: &[bool],
     tall: &[f64],
     (metres_per_unit, contact_metres): (f64, Option<f64>),
@@ -266,7 +266,7 @@ fn report_contact(
     let millimetres = |v: f64| (v * metres_per_unit * 1e4).round() / 10.0 + 0.0;
     let mut on_it = Vec::new();
     for (index, level) in measured.iter().enumerate() {
-        let Some(Level { height, roughness, .. }) = *level else { continue };
+        let Some(GroundPlane { height, roughness, .. }) = *level else { continue };
         if height.abs() * metres_per_unit <= contact_metres.unwrap_or(0.0).max(LARGEST) {
             let (offset, roughness) = (millimetres(height), millimetres(roughness));
             on_it.push(format!(
@@ -283,7 +283,7 @@ fn report_contact(
 }
 
 /// Reports objects that rest on the receiver by a side other than the foot.
-fn report_sides<'a>(sides: impl Iterator<Item = &'a [Level]>, metres_per_unit: f64, notes: &mut Notes) {
+fn report_sides<'a>(sides: impl Iterator<Item = &'a [GroundPlane]>, metres_per_unit: f64, notes: &mut Notes) {
     let millimetres = |v: f64| (v * metres_per_unit * 1e4).round() / 10.0 + 0.0;
     let named: Vec<String> = sides
         .enumerate()

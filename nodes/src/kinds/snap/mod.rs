@@ -9,7 +9,7 @@ use engine::{Context, ContextField, Keep, Kind, NodeError, Notes};
 use glam::{DMat4, DQuat, DVec3};
 
 use crate::geometry::resting::Relief;
-use crate::geometry::support::{Foot, Level, triangles};
+use crate::geometry::support::{Foot, GroundPlane, triangles};
 use crate::math::equirect::axes;
 use crate::types::frame::world_from_gltf;
 use crate::types::{Cell, Mesh, Object, Placed, Pose, Report, Splats, Table};
@@ -102,7 +102,7 @@ impl Kind for Snap {
         };
         // The foot itself, without the margin around it.
         let half = Foot::axes(up).map(|axis| foot.half.dot(axis.abs()) / 1.5);
-        let Some(level) = Level::of(&bearing(&points, half, NEAR * metre, cx)?) else {
+        let Some(level) = GroundPlane::of(&bearing(&points, half, NEAR * metre, cx)?) else {
             let far = FAR * metre;
             let points = match (&felt, &inputs.splats) {
                 // Steep surfaces are not ground.

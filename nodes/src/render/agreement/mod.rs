@@ -77,7 +77,7 @@ const TOLERANCE: f64 = 0.05;
 
 /// Place whose splats and mesh are compared.
 #[derive(Debug, Clone, Copy)]
-pub struct Place<'a> {
+pub struct CapturedPlace<'a> {
     /// The splats, in the world.
     pub splats: &'a Splats,
     /// The mesh, in the world.
@@ -184,7 +184,7 @@ fn chosen(cameras: &[Camera]) -> Vec<Camera> {
 
 /// Compares splats and mesh. Returns `None` if there is nothing to compare: the mesh has no area, or there are no
 /// opaque splats.
-pub fn compare(place: &Place<'_>, cx: &Context) -> Result<Option<Comparison>, NodeError> {
+pub fn compare(place: &CapturedPlace<'_>, cx: &Context) -> Result<Option<Comparison>, NodeError> {
     let around = &place.around[..place.around.len().min(AROUND)];
     let frame = (place.axes, place.metre);
     let sights = Sight::all(place.splats, &chosen(place.cameras), around, frame, cx)?;
@@ -198,7 +198,7 @@ pub fn compare(place: &Place<'_>, cx: &Context) -> Result<Option<Comparison>, No
 
 /// Compares splats and mesh by their depths in the views.
 fn by_views(
-    place: &Place<'_>,
+    place: &CapturedPlace<'_>,
     sights: &[Sight],
     spots: &Spots,
     cloud: &Cloud,
@@ -241,7 +241,7 @@ fn by_views(
 }
 
 /// Compares the mesh with the centres of the splats. Used if the views show hardly any splats.
-fn by_centres(place: &Place<'_>, sights: &[Sight], cloud: &Cloud) -> Option<Comparison> {
+fn by_centres(place: &CapturedPlace<'_>, sights: &[Sight], cloud: &Cloud) -> Option<Comparison> {
     let spots = Spots::of_centres(place.splats)?;
     let depths = spots.depths(sights, place.mesh, &DMat4::IDENTITY);
     let visible = visible(sights, &depths);
@@ -295,7 +295,7 @@ impl Moved {
 }
 
 /// Input that is probably in the wrong frame, given the shares of the wanted views that show splats and mesh.
-fn likely(place: &Place<'_>, turn_deg: f64, visible: Option<[f64; 2]>) -> Likely {
+fn likely(place: &CapturedPlace<'_>, turn_deg: f64, visible: Option<[f64; 2]>) -> Likely {
     if visible.is_some_and(|[splats, mesh]| splats < UNSEEN && mesh >= 10.0 * UNSEEN) {
         return Likely::Splats;
     }

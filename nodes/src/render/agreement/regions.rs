@@ -30,7 +30,7 @@ pub struct Regions {
 }
 
 /// A connected part of one view in which splats and mesh disagree.
-struct Part {
+struct Component {
     pixels: Vec<usize>,
     /// Number of pixels of the part whose eight neighbours are also in the part.
     inner: usize,
@@ -39,10 +39,10 @@ struct Part {
 
 /// Connected parts of the marked pixels of a view. Two neighbouring pixels are connected if their depths are
 /// similar.
-fn parts(sight: &Sight, index: usize, marked: &[bool], depth: &[f64]) -> Vec<Part> {
+fn parts(sight: &Sight, index: usize, marked: &[bool], depth: &[f64]) -> Vec<Component> {
     let (width, height) = sight.size();
     let mut label = vec![usize::MAX; marked.len()];
-    let mut found: Vec<Part> = Vec::new();
+    let mut found: Vec<Component> = Vec::new();
     for start in 0..marked.len() {
         if !marked[start] || label[start] != usize::MAX {
             continue;
@@ -68,7 +68,7 @@ fn parts(sight: &Sight, index: usize, marked: &[bool], depth: &[f64]) -> Vec<Par
             within && (0..9).all(|k| label[pixel + (k % 3) + (k / 3) * width - width - 1] == number)
         };
         let inner = pixels.iter().filter(inside).count();
-        found.push(Part { pixels, inner, sight: index });
+        found.push(Component { pixels, inner, sight: index });
     }
     found
 }
@@ -86,7 +86,7 @@ fn neighbours(pixel: usize, width: usize, height: usize) -> [Option<usize>; 4] {
 
 /// Summarizes the parts: finds the view in which the parts cover the largest share of the pixels, and the largest
 /// part in this view. All views around the objects count as one view.
-fn summary(sights: &[Sight], parts: &[Part], depths: impl Fn(usize, usize) -> f64) -> Regions {
+fn summary(sights: &[Sight], parts: &[Component], depths: impl Fn(usize, usize) -> f64) -> Regions {
     let mut best = Regions::default();
     let mut groups: Vec<Vec<usize>> =
         (0..sights.len()).filter(|&i| sights[i].wanted).map(|index| vec![index]).collect();

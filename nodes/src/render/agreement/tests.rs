@@ -3,7 +3,7 @@
 use engine::Up;
 use glam::{DMat3, DVec3};
 
-use super::{Comparison, Finding, Likely, Place, compare};
+use super::{CapturedPlace, Comparison, Finding, Likely, compare};
 use crate::math::equirect::axes;
 use crate::testing::context;
 use crate::types::frame::Similarity;
@@ -80,7 +80,7 @@ fn camera(eye: DVec3, target: DVec3) -> Camera {
 }
 
 fn compared(splats: &Splats, mesh: &Mesh, camera: Camera) -> Comparison {
-    let place = Place {
+    let place = CapturedPlace {
         splats,
         mesh,
         cameras: &[camera],

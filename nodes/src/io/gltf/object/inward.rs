@@ -20,7 +20,7 @@ const HOLDERS: usize = 64;
 
 /// A connected part of an object.
 #[derive(Debug, Clone, Copy)]
-struct Part {
+struct Component {
     area: f64,
     middle: DVec3,
     /// Sum of the area vectors of the triangles.
@@ -35,7 +35,7 @@ struct Part {
     single_sided: bool,
 }
 
-impl Part {
+impl Component {
     const EMPTY: Self = Self {
         area: 0.0,
         middle: DVec3::ZERO,
@@ -135,7 +135,7 @@ pub(super) fn turn(
     let corners =
         |p: &Primitive, t: &[u32; 3]| t.map(|v| DVec3::from(p.positions[v as usize].map(f64::from)));
     let face = |[a, b, c]: [DVec3; 3]| ((b - a).cross(c - a) * 0.5, (a + b + c) / 3.0);
-    let mut parts = vec![Part::EMPTY; count as usize];
+    let mut parts = vec![Component::EMPTY; count as usize];
     for (primitive, &start) in primitives.iter().zip(&starts) {
         let two_sided = materials.get(primitive.material as usize).is_some_and(|m| m.double_sided);
         for triangle in &primitive.triangles {
@@ -159,10 +159,10 @@ pub(super) fn turn(
             part.distance += vector.length() * (centre - part.middle).length();
         }
     }
-    let mut holders: Vec<&Part> = parts.iter().filter(|part| part.score() > 0.0).collect();
+    let mut holders: Vec<&Component> = parts.iter().filter(|part| part.score() > 0.0).collect();
     holders.sort_by(|a, b| b.size().total_cmp(&a.size()));
     holders.truncate(HOLDERS);
-    let inward = |part: &Part| {
+    let inward = |part: &Component| {
         part.single_sided && part.score() < INWARD && !holders.iter().any(|holder| holder.holds(part))
     };
     let turned: Vec<bool> = parts.iter().map(|part| inward(part) && part.balance() < CLOSED).collect();

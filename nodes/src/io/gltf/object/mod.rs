@@ -29,14 +29,14 @@ pub(crate) fn sources(path: &InputFile, root: &SourceRoot) -> Result<Vec<SourceF
     if Foreign::of(&path.0).is_some() {
         let read = |path: &Path| if path.is_file() { std::fs::read(path).ok() } else { None };
         let bytes = std::fs::read(&file.path).map_err(failed)?;
-        let names = import::beside(&path.0, &bytes, |name| read(&root.beside(&file, name).path));
-        sources.extend(names.iter().map(|name| root.beside(&file, name)));
+        let names = import::other_files(&path.0, &bytes, |name| read(&root.sibling(&file, name).path));
+        sources.extend(names.iter().map(|name| root.sibling(&file, name)));
         return Ok(sources);
     }
     let Some((json, binary)) = json_of(&file.path).map_err(failed)? else { return Ok(sources) };
-    let names = parse(&path.0, &json).and_then(|parsed| parsed.beside(Want::Everything));
+    let names = parse(&path.0, &json).and_then(|parsed| parsed.other_files(Want::Everything));
     match names {
-        Ok(names) => sources.extend(names.iter().map(|name| root.beside(&file, name))),
+        Ok(names) => sources.extend(names.iter().map(|name| root.sibling(&file, name))),
         Err(_) if binary => {}
         Err(error) => return Err(NodeError::from(error).at("path")),
     }
@@ -55,15 +55,15 @@ pub(crate) fn object(
     let name = &path.0;
     let bytes = &*import::as_gltf(path, bytes, cx, notes)?;
     let file = parse(name, bytes)?;
-    let buffers = file.buffers(|beside| cx.read_beside(path, beside))?;
+    let buffers = file.buffers(|name| cx.read_sibling(path, name))?;
     let mut reader = Materials::new(name, &file.json);
     let mut unheard = Notes::none();
-    let said = if want == Want::Everything { &mut *notes } else { &mut unheard };
-    let mut materials = reader.read(said)?;
+    let shown = if want == Want::Everything { &mut *notes } else { &mut unheard };
+    let mut materials = reader.read(shown)?;
     let images = reader.images;
     let textures = if want == Want::Everything {
         let decoded = cx.for_each_tile(images.len(), |k| {
-            file.picture(images[k], &buffers, |beside| cx.read_beside(path, beside)).map(texture)
+            file.picture(images[k], &buffers, |name| cx.read_sibling(path, name)).map(texture)
         })?;
         decoded.into_iter().collect::<Result<Vec<_>, NodeError>>()?
     } else {

@@ -100,7 +100,7 @@ impl<'a> Geometry<'a> {
                 }
             }
         }
-        self.tally.tell(notes);
+        self.tally.report(notes);
         if primitives.is_empty() {
             let t = &self.tally;
             let why = match (t.without_area, t.points_and_lines) {
