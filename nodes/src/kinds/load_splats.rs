@@ -73,7 +73,7 @@ engine::outputs! {
 
 impl Kind for LoadSplats {
     const NAME: &'static str = "load-splats";
-    const VERSION: u32 = 4;
+    const VERSION: u32 = 5;
     const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
     const STORE: Keep = Keep::Cheap;
     const FOLDERS: bool = true;

@@ -8,19 +8,12 @@ use serde_json::Value;
 use super::distortion::{Bend, Coefficients};
 use super::raw::Raw;
 use crate::error::Error;
-use crate::io::foreign::{json_text, refuse_foreign};
+use crate::io::foreign::{json_text, portable_path, refuse_foreign};
 use crate::math::num;
 
-/// Function that returns the width and height of a picture, given its path as written in the file. `None` if the
-/// picture cannot be read.
-pub type Sizes<'a> = &'a dyn Fn(&str) -> Option<[u64; 2]>;
-
-/// Converts the backslashes in the path of a picture to slashes, since exporters on Windows write backslashes, and
-/// removes a leading `./`.
-pub fn picture_path(path: &str) -> String {
-    let path = path.replace('\\', "/");
-    path.strip_prefix("./").map(str::to_owned).unwrap_or(path)
-}
+/// Function that returns the width and height of a picture, given its path as written in the file. If the picture
+/// cannot be read, the error is the end of a sentence that begins with the picture.
+pub type Sizes<'a> = &'a dyn Fn(&str) -> Result<[u64; 2], String>;
 
 /// Paths of the pictures of those frames of a `transforms.json` that have no size. Empty for any other file.
 pub fn pictures_without_size(bytes: &[u8]) -> Vec<String> {
@@ -29,7 +22,7 @@ pub fn pictures_without_size(bytes: &[u8]) -> Vec<String> {
         ["w", "h"].iter().all(|key| matches!(optional(level(&json, frame, &[*key]), key), Ok(Some(_))))
     };
     let frames = json["frames"].as_array().into_iter().flatten();
-    frames.filter(|f| !sized(f)).filter_map(|f| f["file_path"].as_str()).map(picture_path).collect()
+    frames.filter(|f| !sized(f)).filter_map(|f| f["file_path"].as_str()).map(portable_path).collect()
 }
 
 /// Reads the cameras of a file in any of the formats. The format is detected by content.
@@ -229,12 +222,12 @@ fn coefficients(top: &Value, frame: &Value) -> Result<(Coefficients, Vec<String>
 /// the top level.
 fn nerfstudio(top: &Value, frame: &Value, sizes: Sizes<'_>) -> Result<Raw, String> {
     let holder = |key: &str| level(top, frame, &[key]);
-    let picture = picture_path(frame["file_path"].as_str().ok_or("has no `file_path`")?);
+    let picture = portable_path(frame["file_path"].as_str().ok_or("has no `file_path`")?);
     let (width, height) = match (pixels(holder("w"), "w"), pixels(holder("h"), "h")) {
         (Ok(width), Ok(height)) => (width, height),
         (width, height) => {
             let [w, h] = sizes(&picture)
-                .ok_or_else(|| format!("has no size `w`, `h`, and its picture `{picture}` cannot be read"))?;
+                .map_err(|what| format!("has no size `w`, `h`, and its picture `{picture}` {what}"))?;
             (width.unwrap_or(w), height.unwrap_or(h))
         }
     };
