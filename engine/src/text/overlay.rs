@@ -64,8 +64,10 @@ impl<'t> Overlays<'t> {
                 }
             }
         }
-        for (name, block) in blocks {
-            self.lay_on_block(name, block, document, diagnostics);
+        for name in BLOCKS {
+            if let Some(block) = blocks.remove(name) {
+                self.lay_on_block(name, block, document, diagnostics);
+            }
         }
     }
 
