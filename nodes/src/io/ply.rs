@@ -155,7 +155,9 @@ const HEADER_LIMIT: usize = 1 << 20;
 /// line has no end.
 fn line_end(bytes: &[u8]) -> Option<u8> {
     let first = bytes.iter().position(|byte| matches!(byte, b'\n' | b'\r'))?;
-    let alone = bytes[first] == b'\r' && bytes.get(first + 1) != Some(&b'\n');
+    // Text that was converted twice has several carriage returns before a line feed.
+    let after = bytes[first..].iter().find(|byte| **byte != b'\r');
+    let alone = bytes[first] == b'\r' && after != Some(&b'\n');
     Some(if alone { b'\r' } else { b'\n' })
 }
 

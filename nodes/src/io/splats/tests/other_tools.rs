@@ -317,8 +317,10 @@ fn headers_with_other_line_ends_and_encodings_are_read() {
         let (splats, _) = read(&latin).unwrap_or_else(|e| panic!("{encoding}: {e}"));
         assert!(splats == wanted, "{encoding}");
     }
-    let text = String::from_utf8(table("ascii", &[], &fields, &rows(70))).unwrap().replace('\n', "\r");
-    assert!(read(text.as_bytes()).unwrap().0 == wanted);
+    let text = String::from_utf8(table("ascii", &[], &fields, &rows(70))).unwrap();
+    for ends in ["\r", "\r\n", "\r\r\n"] {
+        assert!(read(text.replace('\n', ends).as_bytes()).unwrap().0 == wanted, "{ends:?}");
+    }
 }
 
 // A `.splat` file has no header, so any file whose size is a multiple of 32 was one.
