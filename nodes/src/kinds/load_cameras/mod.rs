@@ -20,6 +20,7 @@ use engine::{
 use glam::{DMat3, DMat4};
 
 use crate::error::Error;
+use crate::io::foreign::{refuse_foreign, refuse_placeholder};
 use crate::io::picture;
 use crate::types::frame::Similarity;
 use crate::types::pick::{chosen, count_of, stem};
@@ -96,10 +97,15 @@ engine::outputs! {
 
 /// Maximum number of cameras in a file.
 const CAMERA_LIMIT: usize = 1_000_000;
+/// Maximum size in bytes of a COLMAP text that is read completely to count its cameras before the run. In a larger
+/// text, lines are counted.
+const READ_WHOLE: u64 = 4 << 20;
+/// Maximum size in bytes of files that are read to count their cameras before the run.
+const READ_MOST: u64 = 256 << 20;
 
 impl Kind for LoadCameras {
     const NAME: &'static str = "load-cameras";
-    const VERSION: u32 = 4;
+    const VERSION: u32 = 5;
     const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
     const STORE: Keep = Keep::Cheap;
     const FOLDERS: bool = true;
@@ -134,16 +140,29 @@ impl Kind for LoadCameras {
         {
             return ViewCount::Known(count);
         }
-        // Reading a large model would take too long for a check of the graph.
-        const MOST_BYTES: u64 = 4 << 20;
-        let size = |file: &SourceFile| std::fs::metadata(&file.path).map_or(u64::MAX, |data| data.len());
-        let small =
-            Self::sources(p, root).is_ok_and(|files| files.iter().all(|file| size(file) <= MOST_BYTES));
+        let uncounted =
+            |why: String, hint: Option<&str>| ViewCount::Uncounted { why, hint: hint.map(str::to_owned) };
+        let bytes = match read_bytes(p, root) {
+            Ok(bytes) => bytes,
+            Err(error) => return uncounted(error.to_string(), error.advice()),
+        };
+        // The files may change before the node runs, which then reports their mistakes, so the images of a large
+        // text are only counted.
+        if bytes > READ_WHOLE
+            && p.pick.is_empty()
+            && let Some(count) = lines_of_images(p, root)
+        {
+            return ViewCount::Known(count);
+        }
+        if bytes > READ_MOST {
+            let why =
+                format!("its files have more than {} MiB, too many to read before it runs", READ_MOST >> 20);
+            return uncounted(why, Some("write the number instead: `Range(0, 300)`"));
+        }
         let scene = Scene { up: Up::PlusY, metres_per_unit: 1.0, seed: 0, exhaustive: false };
-        let read = || Self::run(p, In {}, &Context::detached(scene, root.folder())).ok();
-        match small.then(read).flatten() {
-            Some((Out { rig }, _)) => ViewCount::Known(rig.cameras.len()),
-            None => ViewCount::Unknown,
+        match Self::run(p, In {}, &Context::detached(scene, root.folder())) {
+            Ok((Out { rig }, _)) => ViewCount::Known(rig.cameras.len()),
+            Err(error) => uncounted(error.to_string(), error.advice()),
         }
     }
 
@@ -217,6 +236,21 @@ fn existing(file: &SourceFile, picture: &str, root: &SourceRoot) -> Option<Sourc
         .find(|source| source.path.is_file())
 }
 
+/// Width and height of a picture. If it cannot be read, the error is the end of a sentence that begins with the
+/// picture.
+fn size_of(picture: Option<SourceFile>) -> Result<[u64; 2], String> {
+    let Some(source) = picture else { return Err("does not exist".to_owned()) };
+    if let Some(size) = picture::size(&source.path) {
+        return Ok(size);
+    }
+    let mut head = Vec::new();
+    let opened = std::fs::File::open(&source.path).and_then(|file| file.take(4096).read_to_end(&mut head));
+    match opened.map(|_| refuse_foreign(&source.name, &head)) {
+        Ok(Err(Error::Unsupported { feature, .. })) => Err(format!("is not supported: {feature}")),
+        _ => Err("cannot be read".to_owned()),
+    }
+}
+
 fn is_json(path: &InputFile) -> bool {
     path.0.to_lowercase().ends_with(".json")
 }
@@ -237,6 +271,27 @@ fn images_of(p: &LoadCameras, root: &SourceRoot) -> Option<usize> {
     let mut count = [0; 8];
     std::fs::File::open(root.file(images).path).ok()?.read_exact(&mut count).ok()?;
     usize::try_from(u64::from_le_bytes(count)).ok().filter(|count| (1..=CAMERA_LIMIT).contains(count))
+}
+
+/// Total size in bytes of the files that are read completely to load the cameras. Of pictures, only the head is read.
+fn read_bytes(p: &LoadCameras, root: &SourceRoot) -> Result<u64, NodeError> {
+    let named =
+        if is_json(&p.path) || is_gltf(&p.path) { vec![p.path.clone()] } else { files(&p.path, root)? };
+    let size = |file: &InputFile| std::fs::metadata(root.file(file).path).map_or(0, |data| data.len());
+    Ok(named.iter().chain(&p.dataparser).map(size).fold(0, u64::saturating_add))
+}
+
+/// Number of images in the `images.txt` of a COLMAP model, which is read line by line. `None` for other files, if the
+/// file cannot be read, and if it has no image or more images than the limit.
+fn lines_of_images(p: &LoadCameras, root: &SourceRoot) -> Option<usize> {
+    if is_json(&p.path) || is_gltf(&p.path) {
+        return None;
+    }
+    let named = files(&p.path, root).ok()?;
+    let images = named.iter().find(|file| file.0.ends_with("images.txt"))?;
+    let file = std::fs::File::open(root.file(images).path).ok()?;
+    let count = colmap::count_images(&mut std::io::BufReader::new(file)).ok()?;
+    (1..=CAMERA_LIMIT).contains(&count).then_some(count)
 }
 
 /// Sets of files that a path may stand for if it is not the path of a JSON file, in order of preference.
@@ -312,7 +367,7 @@ fn read_file(
     }
     if is_json(&p.path) {
         let source = cx.source(&p.path);
-        let sizes = |picture: &str| picture::size(&existing(&source, picture, cx.root())?.path);
+        let sizes = |picture: &str| size_of(existing(&source, picture, cx.root()));
         let bytes = cx.read(&p.path)?;
         let cameras = json::read(name, &bytes, &p.list, &sizes, notes)?;
         return Ok((cameras, Some(bytes)));
@@ -320,10 +375,14 @@ fn read_file(
     let files = files(&p.path, cx.root())?;
     let first = cx.read(&files[0])?;
     let Some(second) = files.get(1) else {
-        let cameras = json::read(&files[0].0, &first, &p.list, &|_| None, notes)?;
+        let cameras = json::read(&files[0].0, &first, &p.list, &|_| size_of(None), notes)?;
         return Ok((cameras, Some(first)));
     };
-    let second = cx.read(second)?;
+    // The formats of pictures are not refused here: the number of cameras at the start of a binary file may be equal
+    // to the first bytes of a picture.
+    refuse_placeholder(&files[0].0, &first)?;
+    let (name_of_second, second) = (&second.0, cx.read(second)?);
+    refuse_placeholder(name_of_second, &second)?;
     cx.check()?;
     let binary = files[0].0.ends_with(".bin");
     let cameras =

@@ -46,6 +46,20 @@ fn binary(big: bool) -> Vec<u8> {
     bytes
 }
 
+// Headers whose lines end with carriage returns only, and a comment in Latin-1.
+#[test]
+fn headers_with_other_line_ends_and_encodings_are_read() {
+    let (wanted, _) = good(&ascii());
+    for bytes in [ascii(), binary(false), binary(true)] {
+        let end = bytes.windows(11).position(|at| at == b"end_header\n").unwrap_or_default() + 11;
+        let mut changed = bytes.clone();
+        changed[..end].iter_mut().filter(|byte| **byte == b'\n').for_each(|byte| *byte = b'\r');
+        assert_eq!(good(&changed).0, wanted);
+        let latin = [&bytes[..4], b"comment cl\xe9ment\n", &bytes[4..]].concat();
+        assert_eq!(good(&latin).0, wanted);
+    }
+}
+
 /// A triangle with the given material, and optionally with vertex colours.
 fn triangle(material: &str, colours: Option<[f32; 3]>) -> Vec<u8> {
     let mut floats = vec![0.0_f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
