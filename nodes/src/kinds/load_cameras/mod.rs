@@ -1,8 +1,10 @@
 //! `load-cameras`: the cameras of a capture or of another program.
 
 mod colmap;
+mod count;
 mod dataparser;
 mod distortion;
+mod files;
 mod gltf;
 mod json;
 mod raw;
@@ -10,7 +12,6 @@ mod raw;
 mod tests;
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::io::Read;
 use std::sync::Arc;
 
 use engine::{
@@ -20,13 +21,14 @@ use engine::{
 use glam::{DMat3, DMat4};
 
 use crate::error::Error;
-use crate::io::foreign::{refuse_foreign, refuse_placeholder};
-use crate::io::picture;
+use crate::io::foreign::refuse_placeholder;
 use crate::types::frame::Similarity;
 use crate::types::pick::{chosen, count_of, stem};
 use crate::types::{Camera, Rig};
+use count::CAMERA_LIMIT;
 use dataparser::Dataparser;
 use distortion::{Bend, INVISIBLE_PX};
+use files::{existing, files, is_gltf, is_json, size_of, with_pictures};
 
 pub use crate::types::pick::Pick;
 use raw::Raw;
@@ -95,14 +97,6 @@ engine::outputs! {
     }
 }
 
-/// Maximum number of cameras in a file.
-const CAMERA_LIMIT: usize = 1_000_000;
-/// Maximum size in bytes of a COLMAP text that is read completely to count its cameras before the run. In a larger
-/// text, lines are counted.
-const READ_WHOLE: u64 = 4 << 20;
-/// Maximum size in bytes of files that are read to count their cameras before the run.
-const READ_MOST: u64 = 256 << 20;
-
 impl Kind for LoadCameras {
     const NAME: &'static str = "load-cameras";
     const VERSION: u32 = 5;
@@ -136,27 +130,28 @@ impl Kind for LoadCameras {
         }
         // The list of images of a binary model may fill gigabytes, but begins with their number.
         if p.pick.is_empty()
-            && let Some(count) = images_of(p, root)
+            && let Some(count) = count::images_of(&p.path, root)
         {
             return ViewCount::Known(count);
         }
         let uncounted =
             |why: String, hint: Option<&str>| ViewCount::Uncounted { why, hint: hint.map(str::to_owned) };
-        let bytes = match read_bytes(p, root) {
+        let bytes = match count::read_bytes(&p.path, p.dataparser.as_ref(), root) {
             Ok(bytes) => bytes,
             Err(error) => return uncounted(error.to_string(), error.advice()),
         };
-        // The files may change before the node runs, which then reports their mistakes, so the images of a large
-        // text are only counted.
-        if bytes > READ_WHOLE
+        // The images of a large text are only counted.
+        if bytes > count::READ_WHOLE
             && p.pick.is_empty()
-            && let Some(count) = lines_of_images(p, root)
+            && let Some(count) = count::lines_of_images(&p.path, root)
         {
             return ViewCount::Known(count);
         }
-        if bytes > READ_MOST {
-            let why =
-                format!("its files have more than {} MiB, too many to read before it runs", READ_MOST >> 20);
+        if bytes > count::READ_MOST {
+            let why = format!(
+                "its files have more than {} MiB, too many to read before it runs",
+                count::READ_MOST >> 20
+            );
             return uncounted(why, Some("write the number instead: `Range(0, 300)`"));
         }
         let scene = Scene { up: Up::PlusY, metres_per_unit: 1.0, seed: 0, exhaustive: false };
@@ -215,120 +210,6 @@ impl Kind for LoadCameras {
         }
         Ok((Out { rig: Arc::new(Rig { cameras }) }, notes))
     }
-}
-
-/// The JSON file, and the pictures that must be read because the file does not contain their sizes.
-fn with_pictures(file: SourceFile, root: &SourceRoot) -> Vec<SourceFile> {
-    let read = || if file.path.is_file() { std::fs::read(&file.path).ok() } else { None };
-    let names: BTreeSet<String> =
-        read().iter().flat_map(|bytes| json::pictures_without_size(bytes)).collect();
-    let mut files: Vec<SourceFile> = names.iter().filter_map(|name| existing(&file, name, root)).collect();
-    files.insert(0, file);
-    files
-}
-
-/// Finds the file of a picture whose path is relative to the cameras file. The path may lack the extension, as it
-/// does in the synthetic scenes of NeRF. `None` if there is no such file.
-fn existing(file: &SourceFile, picture: &str, root: &SourceRoot) -> Option<SourceFile> {
-    ["", ".png", ".jpg", ".jpeg", ".JPG", ".PNG"]
-        .iter()
-        .map(|ending| root.sibling(file, &format!("{picture}{ending}")))
-        .find(|source| source.path.is_file())
-}
-
-/// Width and height of a picture. If it cannot be read, the error is the end of a sentence that begins with the
-/// picture.
-fn size_of(picture: Option<SourceFile>) -> Result<[u64; 2], String> {
-    let Some(source) = picture else { return Err("does not exist".to_owned()) };
-    if let Some(size) = picture::size(&source.path) {
-        return Ok(size);
-    }
-    let mut head = Vec::new();
-    let opened = std::fs::File::open(&source.path).and_then(|file| file.take(4096).read_to_end(&mut head));
-    match opened.map(|_| refuse_foreign(&source.name, &head)) {
-        Ok(Err(Error::Unsupported { feature, .. })) => Err(format!("is not supported: {feature}")),
-        _ => Err("cannot be read".to_owned()),
-    }
-}
-
-fn is_json(path: &InputFile) -> bool {
-    path.0.to_lowercase().ends_with(".json")
-}
-
-fn is_gltf(path: &InputFile) -> bool {
-    let lower = path.0.to_lowercase();
-    lower.ends_with(".glb") || lower.ends_with(".gltf")
-}
-
-/// Number of images of a binary COLMAP model, read from the start of its file. `None` for other files, and if the
-/// number exceeds the limit on cameras.
-fn images_of(p: &LoadCameras, root: &SourceRoot) -> Option<usize> {
-    if is_json(&p.path) || is_gltf(&p.path) {
-        return None;
-    }
-    let named = files(&p.path, root).ok()?;
-    let images = named.iter().find(|file| file.0.ends_with("images.bin"))?;
-    let mut count = [0; 8];
-    std::fs::File::open(root.file(images).path).ok()?.read_exact(&mut count).ok()?;
-    usize::try_from(u64::from_le_bytes(count)).ok().filter(|count| (1..=CAMERA_LIMIT).contains(count))
-}
-
-/// Total size in bytes of the files that are read completely to load the cameras. Of pictures, only the head is read.
-fn read_bytes(p: &LoadCameras, root: &SourceRoot) -> Result<u64, NodeError> {
-    let named =
-        if is_json(&p.path) || is_gltf(&p.path) { vec![p.path.clone()] } else { files(&p.path, root)? };
-    let size = |file: &InputFile| std::fs::metadata(root.file(file).path).map_or(0, |data| data.len());
-    Ok(named.iter().chain(&p.dataparser).map(size).fold(0, u64::saturating_add))
-}
-
-/// Number of images in the `images.txt` of a COLMAP model, which is read line by line. `None` for other files, if the
-/// file cannot be read, and if it has no image or more images than the limit.
-fn lines_of_images(p: &LoadCameras, root: &SourceRoot) -> Option<usize> {
-    if is_json(&p.path) || is_gltf(&p.path) {
-        return None;
-    }
-    let named = files(&p.path, root).ok()?;
-    let images = named.iter().find(|file| file.0.ends_with("images.txt"))?;
-    let file = std::fs::File::open(root.file(images).path).ok()?;
-    let count = colmap::count_images(&mut std::io::BufReader::new(file)).ok()?;
-    (1..=CAMERA_LIMIT).contains(&count).then_some(count)
-}
-
-/// Sets of files that a path may stand for if it is not the path of a JSON file, in order of preference.
-fn candidates(path: &InputFile) -> Vec<Vec<InputFile>> {
-    let folder = match path.0.rsplit_once('/') {
-        Some((folder, file)) if is_part(file) => folder,
-        None if is_part(&path.0) => ".",
-        _ => path.0.trim_end_matches('/'),
-    };
-    let file = |name: String| InputFile(format!("{folder}/{name}"));
-    let mut candidates = Vec::new();
-    for inner in ["", "sparse/0/", "sparse/"] {
-        for ending in ["bin", "txt"] {
-            candidates.push(vec![
-                file(format!("{inner}cameras.{ending}")),
-                file(format!("{inner}images.{ending}")),
-            ]);
-        }
-    }
-    candidates.extend(["transforms.json", "cameras.json"].map(|name| vec![file(name.to_owned())]));
-    candidates
-}
-
-/// The first element of [`candidates`] whose files all exist.
-fn files(path: &InputFile, root: &SourceRoot) -> Result<Vec<InputFile>, NodeError> {
-    let there = |files: &Vec<InputFile>| files.iter().all(|file| root.file(file).path.is_file());
-    candidates(path).into_iter().find(there).ok_or_else(|| unknown(path))
-}
-
-fn is_part(file: &str) -> bool {
-    matches!(file, "cameras.bin" | "images.bin" | "cameras.txt" | "images.txt")
-}
-
-fn unknown(path: &InputFile) -> NodeError {
-    NodeError::new(format!("`{}` is neither JSON nor glTF nor the folder of a COLMAP model", path.0))
-        .at("path")
-        .hint("a COLMAP model has `cameras.bin` and `images.bin`, or both as `.txt`")
 }
 
 /// The file `dataparser_transforms.json` in the folder of a `transforms.json`. `None` if there is no such file, if
