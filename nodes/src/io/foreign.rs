@@ -22,12 +22,9 @@ pub fn json_text(bytes: &[u8]) -> &[u8] {
 /// # Errors
 /// [`Error::Unsupported`], which names the format of the file.
 pub fn refuse_foreign(file: &str, bytes: &[u8]) -> Result<(), Error> {
+    refuse_placeholder(file, bytes)?;
     let starts = |magic: &[u8]| bytes.starts_with(magic);
-    let what = if starts(b"version https://git-lfs.github.com/spec/")
-        || starts(b"version https://hawser.github.com/")
-    {
-        "a Git LFS pointer, not the file itself; fetch it with `git lfs pull`"
-    } else if let Some(brand) = bytes.get(4..12).and_then(|head| head.strip_prefix(b"ftyp")) {
+    let what = if let Some(brand) = bytes.get(4..12).and_then(|head| head.strip_prefix(b"ftyp")) {
         match brand {
             b"heic" | b"heix" | b"heim" | b"heis" | b"hevc" | b"mif1" | b"msf1" => {
                 "HEIC, a format that phones use; export the picture as PNG or JPEG"
@@ -41,7 +38,28 @@ pub fn refuse_foreign(file: &str, bytes: &[u8]) -> Result<(), Error> {
         "JPEG XL; export the picture as PNG or JPEG"
     } else if starts(b"\x00\x00\x00\x0cjP  ") || starts(b"\xff\x4f\xff\x51") {
         "JPEG 2000; export the picture as PNG or OpenEXR"
-    } else if starts(b"<!DOCTYPE") || starts(b"<!doctype") || starts(b"<html") {
+    } else {
+        return Ok(());
+    };
+    Err(Error::unsupported(file, what))
+}
+
+/// Rejects placeholders that other programs leave in place of a file. Unlike [`refuse_foreign`], this is suited for
+/// files that may begin with any bytes, such as buffers of numbers.
+///
+/// # Errors
+/// [`Error::Unsupported`], which names the placeholder.
+pub fn refuse_placeholder(file: &str, bytes: &[u8]) -> Result<(), Error> {
+    let starts = |magic: &[u8]| bytes.starts_with(magic);
+    let what = if starts(b"version https://git-lfs.github.com/spec/")
+        || starts(b"version https://hawser.github.com/")
+    {
+        "a Git LFS pointer, not the file itself; fetch it with `git lfs pull`"
+    } else if starts(b"<!DOCTYPE html")
+        || starts(b"<!doctype html")
+        || starts(b"<!DOCTYPE HTML")
+        || starts(b"<html")
+    {
         "a web page, not the file itself; download the file again"
     } else {
         return Ok(());

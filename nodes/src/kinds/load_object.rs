@@ -20,8 +20,8 @@ engine::params! {
     ///
     /// Materials are metallic-roughness with all their textures and with these KHR extensions: transmission,
     /// volume, ior, clearcoat, sheen, specular, anisotropy, iridescence, diffuse transmission, emissive strength,
-    /// unlit. Specular-glossiness materials keep their diffuse colour and glossiness, and lose their specular
-    /// colour. A file that requires any other extension is refused. An optional extension that is not supported is
+    /// unlit. Specular-glossiness materials are converted to the extensions ior and specular.
+    /// A file that requires any other extension is refused. An optional extension that is not supported is
     /// reported; if its effect would be visible, the result is marked as degraded.
     pub struct LoadObject {
         /// The file: `.glb`, `.stl`, or `.gltf` and `.obj` with the files that they refer to.
@@ -44,7 +44,7 @@ engine::outputs! {
 
 impl Kind for LoadObject {
     const NAME: &'static str = "load-object";
-    const VERSION: u32 = 5;
+    const VERSION: u32 = 6;
     const STORE: Keep = Keep::Cheap;
     type Params = Self;
     type In = In;
