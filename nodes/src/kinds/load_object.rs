@@ -60,10 +60,11 @@ impl Kind for LoadObject {
         let beside = files.iter().filter_map(|file| Head::read(&mut file.open()?));
         let pictures = beside.chain(files.first().into_iter().flat_map(pictures_inside));
         let texels = pictures.map(|head| head.as_texels()[0]).fold(0, u64::saturating_add);
-        // The files, their geometry as floats, again as triangles of the object, and the places of the vertices.
+        // The files, their geometry as floats, again as triangles of the object, and the edges of the triangles with
+        // the places of the vertices.
         // The text of an OBJ file is read to lists and a table of corners first.
         let foreign = files.first().is_some_and(|file| Foreign::of(file.name).is_some());
-        Cost { bytes: all.saturating_mul(if foreign { 16 } else { 4 }).saturating_add(texels) }
+        Cost { bytes: all.saturating_mul(if foreign { 16 } else { 8 }).saturating_add(texels) }
     }
 
     fn run(p: &Self, _inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {

@@ -138,7 +138,7 @@ fn a_shadow_alone_is_the_shadow() {
 /// to check the axes.
 #[test]
 fn faces_seen_from_behind_are_reported_as_that() {
-    let camera = rig(DVec3::new(0.0, -4.0, 0.5), DVec3::new(0.0, 0.0, 0.5), 16, 8.0);
+    let camera = rig(DVec3::new(0.0, -4.0, 0.5), DVec3::new(0.0, 0.0, 0.5), 16, 24.0);
     let single = Material { double_sided: false, ..matte(0.9) };
     let has = |notes: &Notes, id: &str| notes.iter().any(|note| note.id == id);
     for (inward, max_bounces) in [(true, 4), (true, 64), (false, 4)] {
@@ -152,7 +152,7 @@ fn faces_seen_from_behind_are_reported_as_that() {
     }
     let away =
         Mesh { triangles: plane(0.5).triangles.iter().map(|t| [t[0], t[2], t[1]]).collect(), ..plane(0.5) };
-    let above = rig(DVec3::new(0.0, -2.0, 3.0), DVec3::new(0.0, 0.0, 0.5), 16, 8.0);
+    let above = rig(DVec3::new(0.0, -2.0, 3.0), DVec3::new(0.0, 0.0, 0.5), 16, 24.0);
     let object = [placed(&away, single, DVec3::new(0.0, 0.0, 0.5))];
     let (_, notes) = render(&params(4, Surroundings::OPEN), &plane(4.0), &object, &above, &white());
     let note = notes.iter().find(|note| note.id == "objects-not-seen");
