@@ -75,7 +75,7 @@ pub(super) fn libraries(obj: &[u8], read: &mut dyn FnMut(&str) -> Option<Vec<u8>
         let Some(whole) = relative(rest) else { continue };
         let mut made = vec![Library { bytes: read(&whole), path: whole }];
         if made[0].bytes.is_none() && rest.contains([' ', '\t']) {
-            let several = rest.split_ascii_whitespace().filter_map(relative);
+            let several = words(rest).filter_map(relative);
             let several: Vec<Library> = several.map(|path| Library { bytes: read(&path), path }).collect();
             if several.iter().any(|library| library.bytes.is_some()) {
                 made = several;
@@ -149,7 +149,9 @@ fn texture(rest: &str, ignored: &mut BTreeSet<String>) -> Option<Texture> {
             ignored.insert(format!("map_Kd {option}"));
         }
     }
-    Some(Texture { path: relative(rest)?, offset, scale })
+    // A comment; names may contain the sign.
+    let path = rest.split(" # ").next().unwrap_or_default();
+    Some(Texture { path: relative(path)?, offset, scale })
 }
 
 /// Reads the materials of a file. Keywords may be in upper or lower case.
@@ -176,9 +178,12 @@ pub(super) fn parse(bytes: &[u8]) -> Parsed {
                 let value = rest.strip_prefix("-halo").unwrap_or(rest);
                 first_number(value).map(|n| material.opacity = Some(n))
             }
-            // `d` has precedence, since programs disagree about the meaning of `Tr`.
+            // `d` has precedence, since programs disagree about the meaning of `Tr`: some write 1 for opaque, and
+            // nobody saves an invisible material on purpose.
             "tr" => first_number(rest).map(|n| {
-                material.opacity.get_or_insert(1.0 - n);
+                if n < 1.0 {
+                    material.opacity.get_or_insert(1.0 - n);
+                }
             }),
             "map_kd" => texture(rest, ignored).map(|texture| material.texture = Some(texture)),
             // Ambient light, and numbers of which most files have the default.
@@ -231,7 +236,7 @@ mod tests {
         assert_eq!(red("Ka 0.8\nKs 0.8\nillum 300\nNi").1, 0, "not used");
         assert_eq!((red("d -halo 0.5").0.opacity, red("Tr 0.25").0.opacity), (Some(0.5), Some(0.75)));
         assert_eq!(red("Tr 1\nd 1").0.opacity, Some(1.0));
-        assert_eq!(red("d 1\nTr 1").0.opacity, Some(1.0));
+        assert_eq!((red("d 1\nTr 1").0.opacity, red("Tr 1").0.opacity), (Some(1.0), None));
         assert_eq!((red("Pr 0.8\nPm 0").0.roughness, red("Ns x").1, red("d").1), (Some(0.8), 1, 1));
     }
 
@@ -259,6 +264,7 @@ mod tests {
         assert_eq!(of("map_Kd -s 2 3 -o 0.5 0.25 t.png"), (moved, vec![]));
         assert_eq!(of("map_Kd -clamp on t.png"), (plain("t.png"), vec!["map_Kd -clamp".to_owned()]));
         assert_eq!(of("map_Kd -mm 0 1 -clamp off C:\\x\\t.png"), (plain("t.png"), vec![]));
+        assert_eq!(of("map_Kd t.png # made here"), (plain("t.png"), vec![]));
         assert_eq!(of("map_d d.png\nbump b.png\nmap_Ka a.png").1, ["bump", "map_d"]);
         assert_eq!(of("map_Kd").0, None);
         let library = |path: &str| Library { path: path.to_owned(), bytes: None };
@@ -277,6 +283,7 @@ mod tests {
         assert_eq!(found("mtllib a b.mtl\n", &["a b.mtl"]), [of("a b.mtl", true)]);
         assert_eq!(found("mtllib a.mtl b.mtl\n", &["a.mtl"]), [of("a.mtl", true), of("b.mtl", false)]);
         assert_eq!(found("mtllib a b.mtl\n", &[]), [of("a b.mtl", false)]);
+        assert_eq!(found("mtllib a.mtl # b\n", &["a.mtl"]), [of("a.mtl", true)]);
         assert_eq!(found("\u{feff}mtllib \\\na.mtl\nmtllib a.mtl\n", &["a.mtl"]), [of("a.mtl", true)]);
         assert_eq!(found("mtllib C:\\x\\a.mtl\n", &["a.mtl"]), [of("a.mtl", true)]);
     }

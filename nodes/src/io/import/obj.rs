@@ -315,8 +315,7 @@ fn materials(
                 found
             });
             if material.opacity.is_some_and(|opacity| opacity <= 0.0) {
-                let what =
-                    format!("the material `{}` is invisible: its opacity (`d`, `Tr`) is 0", material.name);
+                let what = format!("the material `{}` is invisible: its opacity `d` is 0", material.name);
                 notes.warning("material-invisible", what);
             }
             let texture = texture.map(|texture| {
