@@ -2,6 +2,7 @@
 //! materials and textures have a single loader.
 
 mod glb;
+mod material;
 mod mtl;
 mod obj;
 mod stl;

@@ -6,7 +6,8 @@ use engine::Notes;
 use serde_json::Value;
 
 use crate::error::Error;
-use crate::io::gltf::{SPECULAR_GLOSSINESS, SUPPORTED, glossiness};
+use crate::io::gltf::SUPPORTED;
+use crate::io::gltf::specular_glossiness::{self, glossiness};
 use crate::types::{
     AlphaMode, Anisotropy, Clearcoat, ColourMap, DiffuseTransmission, Iridescence, Map, Material, NormalMap,
     Sampler, Sheen, Specular, TextureRef, TextureTransform, Wrap,
@@ -138,7 +139,7 @@ impl<'a> Materials<'a> {
                 self.ignored.insert(format!("{name} is left out: {}", effect(name)));
             }
         }
-        self.glossy += u64::from(m["extensions"].get(SPECULAR_GLOSSINESS).is_some());
+        self.glossy += u64::from(m["extensions"].get(specular_glossiness::NAME).is_some());
         self.occluded |= m["occlusionTexture"].get("index").is_some();
         let ior = self.factor(&extension("KHR_materials_ior")["ior"], 1.5, 0.0, 1e3);
         let specular = extension("KHR_materials_specular");
@@ -256,7 +257,7 @@ impl<'a> Materials<'a> {
 
     /// The texture of the roughness, which specular-glossiness stores as a glossiness.
     fn roughness(&mut self, m: &Value) -> Result<Option<TextureRef>, Error> {
-        let gloss = &m["extensions"][SPECULAR_GLOSSINESS];
+        let gloss = &m["extensions"][specular_glossiness::NAME];
         if gloss.is_null() {
             return self.texture(&m["pbrMetallicRoughness"]["metallicRoughnessTexture"]);
         }
