@@ -64,7 +64,7 @@ impl Kind for LoadObject {
         // the places of the vertices.
         // The text of an OBJ file is read to lists and a table of corners first.
         let foreign = files.first().is_some_and(|file| Foreign::of(file.name).is_some());
-        Cost { bytes: all.saturating_mul(if foreign { 16 } else { 8 }).saturating_add(texels) }
+        Cost { bytes: all.saturating_mul(if foreign { 16 } else { 10 }).saturating_add(texels) }
     }
 
     fn run(p: &Self, _inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {

@@ -24,7 +24,9 @@ pub(super) fn beside(bytes: &[u8], read: &mut dyn FnMut(&str) -> Option<Vec<u8>>
     let mut files: Vec<String> = Vec::new();
     for library in mtl::libraries(bytes, read) {
         let Some(text) = &library.bytes else { continue };
-        files.push(library.path.clone());
+        if !files.contains(&library.path) {
+            files.push(library.path.clone());
+        }
         for texture in mtl::parse(text).materials.into_iter().filter_map(|material| material.texture) {
             let path = library.beside(&texture.path);
             if !files.contains(&path) && read(&path).is_some() {
