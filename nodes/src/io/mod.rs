@@ -14,6 +14,7 @@ pub mod icc;
 pub(crate) mod import;
 pub mod jpeg;
 pub mod mesh;
+pub(crate) mod mesh_format;
 pub mod picture;
 pub mod ply;
 pub mod png;

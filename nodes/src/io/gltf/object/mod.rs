@@ -9,12 +9,13 @@ mod tests;
 
 pub(crate) use geometry::local;
 
+use std::collections::BTreeSet;
 use std::path::Path;
 
 use engine::{Context, InputFile, NodeError, Notes, SourceFile, SourceRoot};
 
 use self::geometry::Geometry;
-use self::material::Materials;
+use self::material::{Materials, Picture};
 use super::{Want, json_of, parse};
 use crate::io::import::{self, Foreign};
 use crate::io::png::Raster;
@@ -54,6 +55,9 @@ pub(crate) fn object(
 ) -> Result<Object, NodeError> {
     let name = &path.0;
     let bytes = &*import::as_gltf(path, bytes, cx, notes)?;
+    if let Some(foreign) = Foreign::of(name).filter(|_| want == Want::Everything) {
+        foreign.tell_frame(notes);
+    }
     let file = parse(name, bytes)?;
     let buffers = file.buffers(|name| cx.read_sibling(path, name))?;
     let mut reader = Materials::new(name, &file.json);
@@ -63,13 +67,16 @@ pub(crate) fn object(
     let images = reader.images;
     let textures = if want == Want::Everything {
         let decoded = cx.for_each_tile(images.len(), |k| {
-            file.picture(images[k], &buffers, |name| cx.read_sibling(path, name)).map(texture)
+            let Picture { image, glossiness } = images[k];
+            file.picture(image, &buffers, |name| cx.read_sibling(path, name))
+                .map(|raster| Decoded::of(raster, glossiness))
         })?;
         decoded.into_iter().collect::<Result<Vec<_>, NodeError>>()?
     } else {
         Vec::new()
     };
-    let narrowed = textures.iter().filter(|(_, narrowed)| *narrowed).count() as u64;
+    report_profiles(&textures, notes);
+    let narrowed = textures.iter().filter(|texture| texture.narrowed).count() as u64;
     notes.count(
         "textures-narrowed",
         narrowed,
@@ -80,27 +87,62 @@ pub(crate) fn object(
     if want == Want::Everything {
         inward::turn(&mut primitives, &materials, cx, notes)?;
     }
-    Ok(Object { primitives, materials, textures: textures.into_iter().map(|(texture, _)| texture).collect() })
+    Ok(Object {
+        primitives,
+        materials,
+        textures: textures.into_iter().map(|decoded| decoded.texture).collect(),
+    })
 }
 
-/// Converts a picture to a texture with four bytes per texel. The flag is true if 16-bit codes were rounded to 8
-/// bits.
-fn texture(raster: Raster) -> (Texture, bool) {
-    let wide = raster.largest > 255;
-    let byte = |code: u16| if wide { ((u32::from(code) * 255 + 32_767) / 65_535) as u8 } else { code as u8 };
-    let rgba = raster
-        .codes
-        .chunks_exact(raster.channels)
-        .flat_map(|texel| {
-            let [r, g, b, a] = match *texel {
-                [y] => [y, y, y, raster.largest],
-                [y, a] => [y, y, y, a],
-                [r, g, b] => [r, g, b, raster.largest],
-                [r, g, b, a, ..] => [r, g, b, a],
-                [] => [0; 4],
-            };
-            [byte(r), byte(g), byte(b), byte(a)]
-        })
-        .collect();
-    (Texture { width: raster.width as u32, height: raster.height as u32, rgba }, wide)
+/// A texture, and what was lost when it was decoded.
+struct Decoded {
+    texture: Texture,
+    /// True if 16-bit codes were rounded to 8 bits.
+    narrowed: bool,
+    /// Descriptions of properties of the file that are ignored, such as its colour profile.
+    ignored: Vec<String>,
+}
+
+impl Decoded {
+    /// Converts a picture to a texture with four bytes per texel. If a factor of the glossiness is given, the green
+    /// channel becomes one minus the glossiness, which alpha holds, and the other colours become 0.
+    fn of(raster: Raster, glossiness: Option<f64>) -> Self {
+        let wide = raster.largest > 255;
+        let byte =
+            |code: u16| if wide { ((u32::from(code) * 255 + 32_767) / 65_535) as u8 } else { code as u8 };
+        let rgba = raster
+            .codes
+            .chunks_exact(raster.channels)
+            .flat_map(|texel| {
+                let rgba = match *texel {
+                    [y] => [y, y, y, raster.largest],
+                    [y, a] => [y, y, y, a],
+                    [r, g, b] => [r, g, b, raster.largest],
+                    [r, g, b, a, ..] => [r, g, b, a],
+                    [] => [0; 4],
+                };
+                let rgba = rgba.map(byte);
+                match glossiness {
+                    Some(factor) => [0, (255.0 - factor * f64::from(rgba[3])).round() as u8, 0, 255],
+                    None => rgba,
+                }
+            })
+            .collect();
+        let (width, height) = (raster.width as u32, raster.height as u32);
+        Self { texture: Texture { width, height, rgba }, narrowed: wide, ignored: raster.ignored }
+    }
+}
+
+/// Reports what is ignored in the files of textures: glTF requires that colour profiles are.
+fn report_profiles(textures: &[Decoded], notes: &mut Notes) {
+    let found: BTreeSet<&str> =
+        textures.iter().flat_map(|texture| &texture.ignored).map(String::as_str).collect();
+    for what in found {
+        let count = textures.iter().filter(|texture| texture.ignored.iter().any(|own| own == what)).count();
+        let text = format!(
+            "textures have {what} (number: {count}); this is ignored, as glTF requires; save the textures upright and in sRGB if \
+             they look wrong"
+        );
+        notes.warning("profile-ignored", text);
+    }
 }
