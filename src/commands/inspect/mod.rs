@@ -1,6 +1,5 @@
 //! `inspect`: prints the properties of a scene of splats, a mesh or a picture.
 
-mod look;
 mod other;
 mod person;
 mod picture;
@@ -16,6 +15,7 @@ use nodes::kinds::load_mesh::MeshFrame;
 use serde::Serialize;
 
 use crate::session::Error;
+use crate::session::look;
 use crate::session::mesh as mesh_file;
 use crate::session::splats::{self, MemoryArgs};
 use crate::terminal;

@@ -102,6 +102,8 @@ pub(super) fn views(
             share(fit.holes),
             share(fit.extra),
             share(fit.backs),
+            fit.silhouettes[0].map_or(Cell::Missing, share),
+            fit.silhouettes[1].map_or(Cell::Missing, share),
         ])
     };
     let rows = rig.cameras.iter().step_by(every).map(row).collect::<Result<Vec<_>, NodeError>>()?;
@@ -112,6 +114,8 @@ pub(super) fn views(
         "splats without mesh (%)",
         "mesh without splats (%)",
         "mesh seen from behind (%)",
+        "silhouettes of the splats that the mesh has (%)",
+        "silhouettes of the mesh that the splats have (%)",
     ];
     Ok(Table::new("views", columns, rows))
 }

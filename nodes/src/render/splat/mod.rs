@@ -166,15 +166,20 @@ pub const MAX_PIXELS: u64 = 1 << 28;
 /// Maximum side of a picture, in pixels.
 const MAX_SIDE: u32 = 1 << 19;
 
+/// Memory for the peak of a splat and its distance from a limiting surface, in bytes.
+pub(crate) const PEAK_BYTES: u64 = (size_of::<peak::Peak>() + size_of::<f32>()) as u64;
+
 /// Surface in front of a camera. At each pixel, splats at or beyond the surface are left out.
 #[derive(Debug, Clone, Copy)]
 pub struct Limit<'a> {
     /// Planar depth in world units: an image with one channel and the size of the picture. 0 or +inf means that
     /// there is no surface.
     pub depth: &'a Image<Data>,
-    /// Distance by which the centre of a splat must lie in front of the surface, at least 0, in standard deviations
-    /// along the middle axis of the splat. The splats that represent a surface have centres that scatter around it
-    /// by less than their width.
+    /// Distance by which a splat must lie in front of the surface, at least 0, in standard deviations along the
+    /// middle axis of the splat. It applies per pixel to the depth at which the splat is densest along the ray (see
+    /// [`DepthMode::RayMedian`]), or to two standard deviations of depth behind the centre if this depth is farther
+    /// in front of it than that. The splats that represent a surface scatter around it by less than their width.
+    /// The centre of the splat must lie in front as well. If this is 0, only the centre counts.
     pub sigmas: f64,
 }
 
