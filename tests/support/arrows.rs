@@ -1,12 +1,14 @@
 //! Reads which files of a crate import which, for tests of its structure.
 //!
 //! A crate consists of *rooms*: the folders of its `src`, in a fixed order. A file may import from files of its own
-//! room and of the rooms below it. Comments, `$crate` in macros and unit tests are ignored.
+//! room and of lower rooms, which are those before it in this order. Comments, `$crate` in macros and unit tests
+//! are ignored.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-/// The imports of each file: for `graph/check` the paths below `crate::` that it names, such as `text::diag::Code`.
+/// The imports of each file. The key is the file without its extension, such as `graph/check`; the values are the
+/// paths that it names, relative to the crate, such as `text::diag::Code`.
 pub type Imports = BTreeMap<String, BTreeSet<String>>;
 
 /// Reads the imports of all files of a crate except `lib.rs` and `main.rs`.
@@ -33,8 +35,8 @@ pub fn imports(src: &Path) -> Imports {
     found
 }
 
-/// The imports that lead to a room above the file's own room, or to the root of the crate, in the form `from -> path`.
-/// `order` has the rooms from the lowest to the highest.
+/// The imports that lead to a room above the file's own room, or to the root of the crate, in the form `from ->
+/// path`. `order` has the rooms from the lowest to the highest.
 pub fn upward(imports: &Imports, order: &[&str]) -> Vec<String> {
     let height = |path: &str| {
         let room = path.split(['/', ':']).next().unwrap_or_default();
@@ -47,8 +49,8 @@ pub fn upward(imports: &Imports, order: &[&str]) -> Vec<String> {
         .collect()
 }
 
-/// The rooms of a crate, which are the names in its `src` except those in `others`; and the rooms in the table
-/// below `heading` in `docs/architecture.md`, from the last to the first.
+/// Two lists of the rooms of a crate. The first contains the names in its `src` except those in `others`. The
+/// second contains the rooms in the table below `heading` in `docs/architecture.md`, in reverse order.
 pub fn rooms(folder: &Path, others: &[&str], heading: &str) -> (BTreeSet<String>, Vec<String>) {
     let entries = std::fs::read_dir(folder.join("src")).unwrap();
     let names =
@@ -97,7 +99,7 @@ pub fn circles(imports: &Imports) -> Vec<Vec<String>> {
     groups
 }
 
-/// The paths below the root of the crate that the code of a file names, in `use` items and elsewhere.
+/// The paths that the code of a file names, in `use` items and elsewhere, relative to the root of the crate.
 fn paths_named(module: &str, text: &str) -> BTreeSet<String> {
     let code = text.split("#[cfg(test)]\nmod tests").next().unwrap_or_default();
     let code = code.split("#[cfg(test)]\npub(crate) mod tests").next().unwrap_or_default();
@@ -159,7 +161,7 @@ fn read_tree<'t>(text: &'t str, above: &str, paths: &mut BTreeSet<String>) -> &'
     }
 }
 
-/// The imports of a crate are read correctly: every form of a path, one import that goes up, and one circle.
+/// The imports of a crate are read correctly: every form of a path, an import of a higher room, and a cycle.
 #[test]
 fn arrows_are_read() {
     let text = "//! crate::docs::no\nuse crate::a::{self, b::C, d::{E, F as G}};\nuse super::near;\n\

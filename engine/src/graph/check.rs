@@ -247,8 +247,8 @@ impl<'t, 'a> Check<'t, 'a> {
     }
 
     /// Adds a related place to each mistake in `diagnostics` from index `before` on. For a mistake inside a
-    /// subgraph, this is the place where the subgraph is used. For a mistake in a value given to the subgraph, it
-    /// is the place where the value is read.
+    /// subgraph, this is the place where the subgraph is used. For a mistake in a value that is given to a
+    /// subgraph, it is the place in the subgraph that reads the value.
     fn add_use(&mut self, node: &RawNode<'t>, before: usize) {
         let scope = &self.scopes[node.scope];
         let Some((used, _)) = &scope.used else { return };

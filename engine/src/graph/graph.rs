@@ -57,8 +57,8 @@ impl Lists {
         &self.items[start..self.ends[index]]
     }
 
-    /// The reverse relation. For each of `count` items, the result has a list of the indices of the lists that
-    /// contain it, in ascending order.
+    /// The inverse relation: a list for each of `count` items. It contains the indices of the lists that contain
+    /// the item, in ascending order.
     fn reversed(&self, count: usize) -> Self {
         let mut ends = vec![0; count];
         self.items.iter().for_each(|&item| ends[item] += 1);
@@ -109,8 +109,7 @@ impl Graph {
         self.starts[node]
     }
 
-    /// Number of nodes that begin before the byte offset `place` in the text. The graph must be
-    /// [`plain`](Self::plain).
+    /// Number of nodes whose text begins before the byte offset `place`. The graph must be [`plain`](Self::plain).
     pub(crate) fn begun_before(&self, place: usize) -> usize {
         self.starts.partition_point(|start| *start < place)
     }
@@ -310,7 +309,7 @@ impl Graph {
         self.above(&if only.is_empty() { self.targets() } else { only.to_vec() })
     }
 
-    /// For each node, true if it is one of the targets or above one of them.
+    /// For each node, true if it is one of the targets or upstream of one.
     pub fn above(&self, targets: &[usize]) -> Vec<bool> {
         let mut wanted = vec![false; self.nodes.len()];
         for &target in targets {

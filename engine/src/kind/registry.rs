@@ -75,7 +75,7 @@ impl<K: Kind> Step for StepOf<K> {
 /// node.
 type FormerField = fn(&str, &[(&str, &str)]) -> Option<Former>;
 
-/// A kind in the form that the engine uses.
+/// A registered kind: its description, and functions that call its code.
 pub struct KindEntry {
     /// Kebab-case name.
     pub name: &'static str,

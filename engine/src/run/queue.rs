@@ -18,7 +18,7 @@ pub(crate) struct Parked {
     pub key: Digest,
     /// Start of the wait; `None` once the wait has been reported.
     pub since: Option<Instant>,
-    /// Time of the next attempt.
+    /// Time of the next attempt to unpark the node.
     pub when: Instant,
     pub pause: Duration,
 }
@@ -66,8 +66,8 @@ impl Line {
         self.short.remove(&place);
     }
 
-    /// The next node that may leave the line. `count` counts the nodes at the following stage, which may hold up to
-    /// `jobs` nodes and one additional short node. `None` if the line is empty or no node may leave it.
+    /// The next node that may go to the following stage. `count` is the number of nodes at that stage, which may
+    /// hold up to `jobs` nodes and one additional short node. `None` if the line is empty or the stage has no room.
     fn next(&self, count: Count, jobs: usize) -> Option<usize> {
         let line = match count {
             Count { all, .. } if all < jobs => &self.all,
@@ -210,7 +210,7 @@ impl Queue {
         }
     }
 
-    /// Checks in debug builds that the queue agrees with the slots.
+    /// Checks, in debug builds only, that the queue agrees with the slots.
     pub fn check(&self, slots: &[Slot]) {
         let lives = |life: Life| slots.iter().enumerate().filter(move |(_, slot)| slot.life == life);
         let places =

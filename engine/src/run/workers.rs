@@ -35,7 +35,7 @@ pub(crate) struct Workers<'a> {
 
 #[derive(Default)]
 struct Queue<'a> {
-    /// Code of nodes, which has priority.
+    /// Queued code of nodes, which has priority over other work.
     code: VecDeque<Work<'a>>,
     other: VecDeque<Work<'a>>,
     started: usize,

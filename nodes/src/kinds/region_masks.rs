@@ -65,7 +65,7 @@ impl Kind for RegionMasks {
         if p.edge_threshold > p.object_threshold {
             return Err(NodeError::new("`edge_threshold` cannot exceed `object_threshold`")
                 .at("edge_threshold")
-                .hint("make it at most `object_threshold`"));
+                .hint("lower `edge_threshold` or raise `object_threshold`"));
         }
         Ok(())
     }
@@ -93,7 +93,7 @@ impl Kind for RegionMasks {
             cx.check()?;
             let (width, height, channels) = view.picture.size();
             if !matches!(channels, 1 | 2 | 4) || width == 0 || height == 0 {
-                let what = format!("`{}` has {channels} channels and no alpha", view.name);
+                let what = format!("`{}` has no alpha channel (channels: {channels})", view.name);
                 return Err(NodeError::new(what).at("object").hint("give a picture with alpha, or a mask"));
             }
             let alpha: Vec<f64> = view

@@ -71,11 +71,12 @@ fn state(fate: &Fate) -> (&'static str, &'static str) {
         Fate::Runs(_) => ("runs", "#ffd9a0"),
         Fate::Follows(_) => ("may run", "#fff0cc"),
         Fate::Fails(_) => ("fails", "#f4b6b6"),
-        Fate::Unwanted => ("not wanted", "#e6e6e6"),
+        Fate::Unwanted => ("not needed", "#e6e6e6"),
     }
 }
 
-/// The wires of a graph, each as (from node, its output, to node, its input).
+/// The wires of a graph, each as (index of the source node, name of its output, index of the target node, name of
+/// its input).
 fn wires(graph: &Graph) -> Vec<(usize, &'static str, usize, &'static str)> {
     let mut all = Vec::new();
     for (below, node) in graph.nodes.iter().enumerate() {

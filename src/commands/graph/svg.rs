@@ -1,5 +1,5 @@
-//! Draws graphs as SVG, with one column per step of the longest path. Wires are routed around the nodes between
-//! their ends.
+//! Draws graphs as SVG. The number of columns is the number of nodes on the longest path. Wires are routed around
+//! the nodes between their ends.
 
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
@@ -95,9 +95,9 @@ pub fn svg(graph: &Graph, plan: &[Planned], thumbnail: Thumbnails<'_>) -> Option
     Some(text + "</svg>\n")
 }
 
-/// The entries of each column, from top to bottom. A node is in the column after the last of its inputs. Within a
-/// column, entries are sorted by the average row of their inputs in the previous column, then by the position of
-/// their node in the file. `None` if there are more than [`MOST_ENTRIES`].
+/// The entries of each column, from top to bottom. A node is in the column after the rightmost of its inputs.
+/// Within a column, entries are sorted by the average row of their inputs in the previous column, then by the
+/// position of their node in the file. `None` if there are more than [`MOST_ENTRIES`].
 fn columns(graph: &Graph) -> Option<Vec<Vec<Entry>>> {
     let mut column = vec![0; graph.nodes.len()];
     let mut last = vec![0; graph.nodes.len()];
@@ -146,7 +146,7 @@ fn above<'g>(graph: &'g Graph, entry: &'g Entry) -> &'g [usize] {
 
 /// Rows of the nodes in one column.
 struct Rows {
-    /// For each node, the last column that contained it and its row there.
+    /// For each node, the index of the last column that contained it, and its row in that column.
     of: Vec<(usize, usize)>,
     column: usize,
 }
@@ -156,7 +156,7 @@ impl Rows {
         Self { of: vec![(0, 0); graph.nodes.len()], column: 0 }
     }
 
-    /// Replaces the column, in time proportional to its length.
+    /// Replaces the column, in time proportional to the length of the new column.
     fn set(&mut self, column: &[Entry]) {
         self.column += 1;
         column.iter().enumerate().for_each(|(row, entry)| self.of[entry.node] = (self.column, row));

@@ -22,7 +22,7 @@ fn sure(confidence: f64) -> String {
     format!("{word} ({confidence:.2})")
 }
 
-/// Lists the assumptions, one per line, each with its confidence and its place in the graph.
+/// Lists the assumptions, one per line, each with its confidence and the line of the graph to edit.
 pub fn list(survey: &Survey, graph: &str, path: &Path) -> String {
     let s = survey;
     let at = |begin: &str| {

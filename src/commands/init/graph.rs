@@ -27,7 +27,7 @@ fn quoted(text: &str) -> String {
     out + "\""
 }
 
-/// Writes a number as in a graph file: with a decimal point, and without digits that are only rounding errors.
+/// Writes a number as in a graph file, with a decimal point and without digits that come only from rounding errors.
 pub(super) fn number(value: f64) -> String {
     let text = format!("{value:.9}");
     let text = text.trim_end_matches('0');

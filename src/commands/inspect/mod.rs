@@ -30,7 +30,7 @@ pub struct Inspect {
     /// Print one JSON object on standard output
     #[arg(long)]
     pub json: bool,
-    /// Write a picture (PNG) with a plan of the scene, a grid, and views; their cameras are printed
+    /// Write a picture (PNG) with a plan of the scene, a grid, and views; the cameras of the views are printed
     #[arg(long, value_name = "PNG")]
     picture: Option<PathBuf>,
     /// The cameras of the capture, which indicate the up direction and good views
@@ -40,7 +40,7 @@ pub struct Inspect {
     memory: MemoryArgs,
 }
 
-/// The measured properties, which are printed as text or as JSON.
+/// The properties of a file, which are printed as text or as JSON.
 #[derive(Serialize)]
 struct Answer<'a> {
     file: String,

@@ -58,7 +58,8 @@ fn is_made_of_splats(graph: &Graph, mesh: usize) -> bool {
     above(graph, mesh, "mesh").any(|node| MADE_OF_SPLATS.contains(&graph.nodes[node].kind.name))
 }
 
-/// The given node, the node that the first wire of its input `input` comes from, and so on upstream.
+/// The given node, followed by the nodes upstream of it that are reached by repeatedly following the first wire of
+/// the input `input`.
 fn above<'a>(graph: &'a Graph, node: usize, input: &'a str) -> impl Iterator<Item = usize> + 'a {
     std::iter::successors(Some(node), move |&node| wires(graph, node, input).first().map(|wire| wire.node))
 }

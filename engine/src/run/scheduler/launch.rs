@@ -18,7 +18,7 @@ use crate::value::units::bytes_text;
 
 /// Pause before the second check of whether a result is still being computed elsewhere.
 const FIRST_PAUSE: Duration = Duration::from_millis(5);
-/// Maximum pause between two such checks.
+/// Maximum pause between two checks of whether a result is still being computed elsewhere.
 const LONGEST_PAUSE: Duration = Duration::from_millis(80);
 /// A node is short if its forecast in seconds is below this. Short nodes do not wait for other nodes to end.
 const SHORT: f64 = 1.0;
@@ -93,7 +93,8 @@ impl<'a> Run<'a> {
         Ok(bytes)
     }
 
-    /// Total size of the values that a node reads, in bytes. Each value is counted once.
+    /// Total size of the values that a node reads, in bytes. A value that is read through several wires is counted
+    /// once.
     fn input_bytes(&self, index: usize) -> u64 {
         let mut wires: Vec<Wire> = self.graph.nodes[index].inputs.iter().flatten().copied().collect();
         wires.sort_unstable_by_key(|wire| (wire.node, wire.port));
@@ -151,7 +152,7 @@ impl<'a> Run<'a> {
         self.queue.park(Parked { node, key, since, when, pause: FIRST_PAUSE }, slot);
     }
 
-    /// Queues each parked node whose key is no longer held by a process that makes progress.
+    /// Queues each parked node unless a process that makes progress still holds the lease of its key.
     pub fn unpark(&mut self) {
         let now = Instant::now();
         let store = &self.engine.store;

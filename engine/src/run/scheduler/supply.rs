@@ -18,8 +18,8 @@ use crate::value::artifact::AnyArtifact;
 use crate::value::error::NodeError;
 
 impl<'a> Run<'a> {
-    /// Requests the input values of ready nodes. At most as many nodes as there are threads are supplied at once,
-    /// and none while memory is full, so that the values of a wide graph are not all loaded at once.
+    /// Requests the input values of ready nodes. The number of supplied nodes is at most the number of threads, and
+    /// no node is supplied while memory is full. So the values of a wide graph are not all loaded at once.
     pub fn supply(&mut self) {
         while let Some(index) = self.queue.next_ready()
             && (self.memory.has_room() || self.queue.is_idle())
@@ -123,7 +123,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Ends a rerun that only provides values, whatever its outcome.
+    /// Ends a rerun that only provides values, whether it succeeded or failed.
     pub fn end_remake(&mut self, index: usize) {
         let slot = &mut self.slots[index];
         if slot.remaking.is_none() {

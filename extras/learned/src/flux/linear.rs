@@ -52,8 +52,8 @@ pub struct Update {
 }
 
 /// A linear layer and its low-rank updates. The updates are applied separately and are not merged into the weights.
-/// This costs `rank / width` more work. In return, the updates are not rounded to the type of the weights, and
-/// quantised weights and training need no special case.
+/// This costs slightly more work, in proportion to the rank. In return, the updates are not rounded to the type of
+/// the weights, and quantised weights and training need no special case.
 #[derive(Debug)]
 pub struct Linear {
     name: String,

@@ -86,7 +86,7 @@ macro_rules! at_best {
                 || $walk,
             ),
             None => {
-                let $simd = $level.as_sse2().expect("it is part of x86-64");
+                let $simd = $level.as_sse2().expect("SSE2 is part of x86-64");
                 $walk
             }
         }
@@ -176,7 +176,8 @@ impl Bvh {
     }
 
     /// Returns the reciprocal of the direction of a ray. `None` if the ray misses the box around all triangles. For
-    /// a component of 0 the reciprocal is finite but so large that the ray never leaves its slab.
+    /// a component of 0 the reciprocal is finite but so large that the ray never leaves the slab of the box along
+    /// this axis.
     #[inline(always)]
     fn enter(&self, ray: &Ray) -> Option<[f32; 3]> {
         let (low, high) = self.bounds?;

@@ -19,11 +19,12 @@ const STOREYS: usize = 24;
 /// balance has a value between -1 (the opposite direction is probably up) and 1 (this direction is probably up).
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Profile {
-    /// The direction.
+    /// The direction along which surface is counted.
     pub up: DVec3,
     /// Height of the lowest large layer along `up`, in world units.
     pub floor: f64,
-    /// Height of the highest large layer, or of the highest surface, in world units.
+    /// Height of the highest large layer, or of the highest surface if no such layer is above the floor, in world
+    /// units.
     pub top: f64,
     /// Score of the floor: the share of all surface that lies flat in it, minus the share expected by chance. The
     /// score is reduced if there is surface below the floor.

@@ -27,13 +27,13 @@ pub struct Planes {
     pub width: usize,
     /// Rows of the display window.
     pub height: usize,
-    /// Sorted by name, as the format requires.
+    /// Channels, sorted by name as the format requires.
     pub channels: Vec<Channel>,
     /// Number of parts in the file; one of them is read.
     pub parts: usize,
     /// Name of the part that was read; empty if it has no name.
     pub part: String,
-    /// Names of all flat parts that have one.
+    /// Names of all flat parts that have a name.
     pub part_names: Vec<String>,
     /// Name of the layer within the part; empty for channels whose names have no layer.
     pub layer: String,

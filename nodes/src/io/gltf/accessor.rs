@@ -22,7 +22,7 @@ impl Numbers {
 }
 
 impl File {
-    /// The numbers of an accessor.
+    /// Reads the numbers of an accessor from `buffers`.
     pub fn numbers(&self, accessor: &Accessor<'_>, buffers: &[Vec<u8>]) -> Result<Numbers, Error> {
         let width = match accessor.dimensions() {
             Dimensions::Scalar => 1,

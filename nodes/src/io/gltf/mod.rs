@@ -29,7 +29,7 @@ pub enum Want {
     Everything,
 }
 
-/// Extensions that a file may require.
+/// glTF extensions that a file may list as required.
 pub const SUPPORTED: [&str; 19] = [
     "EXT_mesh_gpu_instancing",
     "EXT_texture_webp",
@@ -86,7 +86,7 @@ pub fn parse(name: &str, bytes: &[u8]) -> Result<File, Error> {
             name,
             format!("{format}: objects must be glTF or GLB; open the file in a program that reads it, such as Blender, and export glTF 2.0"),
         ),
-        None => Error::format(name, format!("the file is neither GLB nor glTF; its JSON does not parse ({e})")),
+        None => Error::format(name, format!("the file is neither GLB nor glTF; its JSON cannot be parsed ({e})")),
     })?;
     let version = json["asset"]["version"].as_str().unwrap_or_default().to_owned();
     if !version.starts_with("2.") {
@@ -229,7 +229,8 @@ impl File {
         Error::format(&self.name, what)
     }
 
-    /// Paths of the other files that the buffers and, if requested, the pictures refer to; each once, sorted.
+    /// Paths of the other files to which the buffers and, if requested, the pictures refer. The paths are sorted
+    /// and without duplicates.
     pub fn beside(&self, want: Want) -> Result<Vec<String>, Error> {
         let lists: &[&str] = if want == Want::Geometry { &["buffers"] } else { &["buffers", "images"] };
         let mut paths = BTreeSet::new();

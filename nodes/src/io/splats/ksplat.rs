@@ -25,7 +25,7 @@ struct Level {
     rotation: usize,
     colour: usize,
     harmonics: usize,
-    /// Number of steps from the centre of a bucket to its side, if the section does not define it.
+    /// Number of steps from the centre of a bucket to its side, for sections that do not define this number.
     steps: u32,
 }
 
@@ -85,7 +85,10 @@ impl<'a> Section<'a> {
             ));
         }
         if count > room {
-            return Err(Error::format(file, format!("a section for {room} splats claims to hold {count}")));
+            return Err(Error::format(
+                file,
+                format!("a section has space for {room} splats but claims to hold {count}"),
+            ));
         }
         if storage != 0 && storage < 12 {
             return Err(Error::format(

@@ -21,7 +21,7 @@ mod splat;
 mod spz;
 pub(crate) mod streamed;
 #[cfg(test)]
-#[allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+#[allow(clippy::unwrap_used, reason = "a test may panic")]
 mod tests;
 mod training;
 mod usda;
@@ -45,7 +45,8 @@ pub use sh_turn::ShTurn;
 pub use source::Format;
 pub(crate) use spz::{COLOUR_SCALE as SPZ_COLOUR_SCALE, rotation_10 as spz_rotation};
 
-/// Function that reads the bytes of a file, given the name by which the current file refers to it.
+/// Function that reads the bytes of another file. Its argument is the name by which the current file refers to that
+/// file.
 pub(crate) type Fetch<'a> = dyn Fn(&str) -> Result<Vec<u8>, NodeError> + 'a;
 
 /// Settings for all readers.
@@ -124,11 +125,9 @@ impl Loaded {
     /// Appends another part of the same file.
     fn join(mut self, file: &str, other: Self) -> Result<Self, NodeError> {
         if self.antialiased != other.antialiased || self.encoding != other.encoding {
-            return Err(Error::format(
-                file,
-                "the parts of the file do not have the same antialiasing and colour space",
-            )
-            .into());
+            return Err(
+                Error::format(file, "the parts of the file differ in antialiasing or colour space").into()
+            );
         }
         let degree = self.sh_degree.max(other.sh_degree);
         self.widen(degree);
@@ -160,7 +159,7 @@ impl Loaded {
 /// Warns about bytes after the end of the data.
 fn left_over(file: &str, bytes: usize, notes: &mut Notes) {
     if bytes > 0 {
-        let text = format!("`{file}` has {bytes} bytes after its splats, which are ignored");
+        let text = format!("the bytes after the splats of `{file}` are ignored (number: {bytes})");
         notes.warning("bytes-left-over", text);
     }
 }
@@ -207,12 +206,15 @@ pub(crate) fn load_ranges(
             sog::load(file, &sog::Meta::read(file, bytes)?, Some(ranges), fetch, reading, notes)
         }
         Format::SogBundle => sog::load_bundle(file, bytes, Some(ranges), reading, notes),
-        other => Err(Error::unsupported(file, format!("a streamed scene of {} files", other.name())).into()),
+        other => {
+            Err(Error::unsupported(file, format!("a streamed scene that consists of {} files", other.name()))
+                .into())
+        }
     }
 }
 
-/// Reads splats of any format from memory, as the kind `load-splats` does with default parameters. A format that
-/// needs further files is an error.
+/// Reads splats of any format from memory, as the kind `load-splats` does with default parameters. It is an error
+/// if the format needs further files.
 pub fn from_bytes(
     file: &str,
     bytes: &[u8],
@@ -282,10 +284,10 @@ pub(crate) fn assemble(mut files: Vec<Loaded>, cx: &Context) -> Result<Splats, N
     Ok(splats)
 }
 
-/// Reports dropped rows; with `strict`, the first one is an error.
+/// Reports dropped rows. If `strict` is true, the first dropped row is an error.
 pub(crate) fn report(file: &str, loaded: &Loaded, strict: bool, notes: &mut Notes) -> Result<(), NodeError> {
     if strict && let Some((row, fault)) = loaded.parts.iter().find_map(|part| part.first_fault) {
-        let what = format!("`{file}` contains an invalid splat: splat {row} {}", fault.words());
+        let what = format!("`{file}` contains an invalid splat: splat {row} has {}", fault.words());
         return Err(NodeError::new(what)
             .at("path")
             .hint("`strict: false` drops such splats and counts them"));
@@ -294,7 +296,11 @@ pub(crate) fn report(file: &str, loaded: &Loaded, strict: bool, notes: &mut Note
     for fault in RowFault::ALL {
         let dropped: u64 = loaded.parts.iter().map(|part| part.dropped[fault as usize]).sum();
         all += dropped;
-        notes.count(fault.id(), dropped, format!("splats of `{file}` {} were dropped", fault.words()));
+        notes.count(
+            fault.id(),
+            dropped,
+            format!("of the splats of `{file}` had to be dropped because of {}", fault.words()),
+        );
     }
     if all * 2 > loaded.count as u64 {
         let text =

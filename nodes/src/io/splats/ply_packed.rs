@@ -166,7 +166,7 @@ fn harmonics<'a>(
         let field = element.find(&format!("f_rest_{i}")).filter(|f| f.scalar == Scalar::U8);
         field
             .map(|f| f.at)
-            .ok_or_else(|| wrong(format!("the element `sh` has no field `f_rest_{i}` of bytes")))
+            .ok_or_else(|| wrong(format!("the element `sh` has no field `f_rest_{i}` of the type `uchar`")))
     });
     let places = places.collect::<Result<Vec<_>, _>>()?;
     Ok(Some((element.rows(file, bytes)?, element.stride, places)))

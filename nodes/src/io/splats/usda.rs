@@ -24,7 +24,8 @@ const CENTIMETRE: f64 = 0.01;
 /// Maximum depth of nested prims.
 const DEEPEST: usize = 256;
 
-/// A prim that is being read: its type, its transforms by name, their order, and its lists of numbers.
+/// A prim that is being read: its type, its transforms by name, the order of these transforms, and its lists of
+/// numbers.
 #[derive(Default)]
 struct Prim {
     kind: String,

@@ -84,9 +84,10 @@ engine::inputs! {
         image: Arc<Images>,
         /// Reference picture.
         reference: Arc<Images>,
-        /// Mask: only pixels where its first channel is above 0.5 count, for the row `whole` and every region.
+        /// Mask of the pixels that are compared: those at which its first channel is above 0.5. It applies to the
+        /// row `whole` and to every region.
         mask: Option<Arc<Images>>,
-        /// Regions to report separately: masks whose first channel is above 0.5 inside.
+        /// Regions to report separately, as masks: a pixel belongs to a region if the first channel is above 0.5.
         regions: Vec<Arc<Images>>,
         /// Picture without the object, for the baseline "nothing inserted".
         background: Option<Arc<Images>>,
@@ -108,7 +109,7 @@ engine::outputs! {
 
 impl Kind for Compare {
     const NAME: &'static str = "compare";
-    const VERSION: u32 = 8;
+    const VERSION: u32 = 9;
     type Params = Self;
     type In = In;
     type Out = Out;
@@ -151,10 +152,10 @@ impl Kind for Compare {
             let mask = inputs.mask.as_ref().map(|mask| find(mask, "mask").map(|m| inside(&m))).transpose()?;
             if let Some(mask) = &mask {
                 let shown = mask.iter().filter(|shown| **shown).count();
-                let text = format!("{shown} of {} pixels of `{}` are inside the mask", mask.len(), view.name);
+                let text = format!("the mask of `{}` contains {shown} of {} pixels", view.name, mask.len());
                 notes.decision(
                     "masked",
-                    format!("{text}; the row `whole` and all regions are limited to these pixels"),
+                    format!("{text}; the row `whole` and all regions contain only these pixels"),
                 );
             }
             let mut regions = vec![("whole".to_owned(), None)];
@@ -187,7 +188,7 @@ impl Kind for Compare {
                     let open = open(picture).max(open(&reference));
                     if open > 0 && pair.is_colour() {
                         let text = format!(
-                            "`{}`: {open} pixels are transparent and are compared on black",
+                            "`{}` has transparent pixels, which are composited on black (count: {open})",
                             view.name
                         );
                         notes.decision(
@@ -206,7 +207,7 @@ impl Kind for Compare {
                     if row.is_none() {
                         notes.warning(
                             "empty-region",
-                            format!("region `{region}` of `{}` has no pixel", view.name),
+                            format!("region `{region}` of `{}` contains no pixel", view.name),
                         );
                     }
                     is_colour = pair.is_colour();
@@ -223,14 +224,15 @@ impl Kind for Compare {
 fn check_names(p: &Compare, regions: usize) -> Result<(), NodeError> {
     for (at, name) in p.names.iter().enumerate() {
         if name == "whole" || p.names[..at].contains(name) {
-            let what = format!("two rows of each view would be called `{name}`");
+            let what = format!("two rows of each view would have the name `{name}`");
             return Err(NodeError::new(what).at("names").hint("give every region a unique name"));
         }
     }
     if p.names.is_empty() || p.names.len() == regions {
         return Ok(());
     }
-    let what = format!("there are {regions} regions, but {} names", p.names.len());
+    let what =
+        format!("`names` must list one name per region (names: {}, regions: {regions})", p.names.len());
     Err(NodeError::new(what).at("names").hint("name every region, in the order of the wires"))
 }
 

@@ -192,9 +192,13 @@ impl Kind for DemoScene {
         notes.count(
             "unseen-patches",
             defects.unseen,
-            "patches were seen by no camera of the capture and are missing",
+            "of the patches had to be left out, because no camera of the capture saw them",
         );
-        notes.count("floaters", defects.floaters, "splats float in the air");
+        notes.count(
+            "floaters",
+            defects.floaters,
+            "of the splats received a position in mid-air, like the floaters of a real capture",
+        );
         let out = Out {
             splats: Arc::new(splats),
             proxy: Arc::new(proxy),
@@ -239,11 +243,11 @@ fn truth(
     Ok(Environment { image: image.into(), up: cx.up(), origin: Some(world.point(from)) })
 }
 
-/// Number of points along each side of a square over the disc of the sun.
+/// Number of steps in radius, and also in angle, of the grid of points on the disc of the sun.
 const SUN_POINTS: usize = 64;
 
-/// Adds the sun, whose disc may be smaller than a pixel: each visible point of the disc adds its share of the
-/// irradiance to the pixel that contains it.
+/// Adds the sun, whose disc may be smaller than a pixel. The irradiance of the sun is divided equally among points
+/// of the disc, and each visible point adds its share to the pixel that contains it.
 fn add_sun(lit: &Lit<'_>, from: DVec3, image: &mut Image<Linear>) {
     let (width, height) = (image.width, image.height);
     let (a, b) = light::frame(lit.sky.sun);

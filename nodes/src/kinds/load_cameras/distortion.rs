@@ -1,7 +1,7 @@
 //! Lens distortion of camera models, and upper bounds on how far it moves a point of the picture.
 
-/// Coefficients of the models of OpenCV and COLMAP, except fisheyes. In nerfstudio's polynomial `k4` belongs
-/// to the eighth power; this is covered too, since [`Coefficients::pixels`] takes the larger effect.
+/// Coefficients of the models of OpenCV and COLMAP, except fisheyes. In nerfstudio's polynomial, `k4` belongs to
+/// the eighth power. The bound of [`Coefficients::pixels`] is valid for both conventions.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Coefficients {
     /// Radial coefficients k1 to k6.

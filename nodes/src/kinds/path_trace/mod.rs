@@ -128,13 +128,13 @@ engine::outputs! {
     }
 }
 
-/// Decision about the surroundings, and the facts it is based on.
+/// Decision about the surroundings, and the facts on which it is based.
 struct Decided {
     /// Text of the choice of `surroundings` that is equivalent to the decision.
     name: String,
     rules: Rules,
     probe: Option<Probe>,
-    /// Share of light that reflection by the mesh counts twice, or would count twice if reflection were enabled.
+    /// Share of light that the mesh counts twice by reflecting it, or would count twice if it reflected light.
     /// `None` for a solid mesh.
     twice: Option<f64>,
 }
@@ -239,7 +239,7 @@ impl PathTrace {
 
 impl Kind for PathTrace {
     const NAME: &'static str = "path-trace";
-    const VERSION: u32 = 21;
+    const VERSION: u32 = 22;
     const READS: &'static [ContextField] =
         &[ContextField::Exhaustive, ContextField::MetresPerUnit, ContextField::Seed, ContextField::Up];
     const PREVIEW: engine::Preview =

@@ -11,9 +11,9 @@ pub(super) const WIDTH: usize = 256;
 
 /// A panorama averaged over cells.
 pub(super) struct Grid {
-    /// Columns, at most 256.
+    /// Number of columns, at most 256.
     pub width: usize,
-    /// Rows, at most 128.
+    /// Number of rows, at most 128.
     pub height: usize,
     /// Mean linear light of the visible pixels of each cell. A cell without a visible pixel has the mean of its
     /// filled pixels.
@@ -85,7 +85,7 @@ impl Grid {
         }
     }
 
-    /// Position of the centre of a pixel, in cells.
+    /// Position of the centre of the pixel (`x`, `y`) of a panorama with `height` rows, in units of cells.
     pub fn place(&self, x: usize, y: usize, height: usize) -> [f64; 2] {
         let (start, w) = self.start;
         let from_start = (x + w - start) % w;

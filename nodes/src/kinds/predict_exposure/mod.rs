@@ -77,7 +77,8 @@ engine::outputs! {
         brackets: Arc<Brackets>,
         /// The exposures as pictures, one view each, with names such as `ev_-6`.
         exposures: Arc<Images>,
-        /// The regions, and the light of the panorama before and after the prediction: in total and for each light.
+        /// The regions, and the energy of the panorama before and after the prediction, in total and for each light
+        /// source.
         report: Arc<Report>,
     }
 }
@@ -98,7 +99,7 @@ const COARSE: usize = 64;
 
 impl Kind for PredictExposure {
     const NAME: &'static str = "predict-exposure";
-    const VERSION: u32 = 13;
+    const VERSION: u32 = 14;
     const READS: &'static [ContextField] = &[ContextField::Exhaustive];
     const DATA: &'static [u8] = network::WEIGHTS;
     const SUPPLIED: Option<&'static str> = kontext::SUPPLIED;
@@ -205,7 +206,7 @@ struct Clipped<'a> {
     members: Vec<Vec<usize>>,
 }
 
-/// Estimate for one region.
+/// Estimate of the hidden light of one region.
 struct RegionLight {
     sun: bool,
     azimuth_deg: f64,
@@ -274,14 +275,14 @@ fn sorted(evs: &[f64]) -> Vec<f64> {
     evs
 }
 
-/// Linear light as a camera records it: limited to white if the panorama is display-encoded.
+/// Linear light of the panorama, limited to white if the panorama is display-encoded.
 fn clipped_light(pano: &Panorama, notes: &mut Notes) -> Result<LinearPixels, NodeError> {
     if matches!(pano.image, Picture::Data(_)) {
         return Err(Error::Mismatch("the panorama holds data, not colour".to_owned()).into());
     }
     let (width, height, channels) = pano.image.size();
     if channels != 3 || width == 0 || height == 0 || pano.alpha.samples.len() != width * height {
-        return Err(Error::Mismatch(format!("the panorama has {width}x{height} pixels of {channels} channels; it needs 3 channels and an alpha for each pixel")).into());
+        return Err(Error::Mismatch(format!("the panorama needs 3 channels and an alpha value for each pixel, but has {width}x{height} pixels (channels: {channels})")).into());
     }
     let mut pixels = linear_pixels(&pano.image, Transfer::Srgb);
     if matches!(pano.image, Picture::Srgb(_)) {
@@ -290,7 +291,10 @@ fn clipped_light(pano: &Panorama, notes: &mut Notes) -> Result<LinearPixels, Nod
         }
     }
     if pixels.broken > 0 {
-        notes.warning("not-finite", format!("{} samples are not finite and count as black", pixels.broken));
+        notes.warning(
+            "not-finite",
+            format!("samples that are not finite count as black (count: {})", pixels.broken),
+        );
     }
     Ok(pixels)
 }
@@ -307,7 +311,7 @@ fn report_unseen(pixels: &LinearPixels, alpha: &[f32], white: f32, notes: &mut N
     let count = pixels.rgb.iter().zip(alpha).filter(unseen).count();
     if pixels.ceiling && count > 0 {
         let text = format!(
-            "{count} white pixels are more than half transparent; they do not count as clipped and are not changed"
+            "white pixels that are more than half transparent do not count as clipped and are not changed (count: {count})"
         );
         notes.decision("white-unseen", text);
     }
@@ -335,20 +339,20 @@ fn report_nothing_clipped(
     let brightest = seen.map(|(rgb, _)| max3(*rgb)).fold(0.0, f32::max);
     let why = if pixels.ceiling {
         format!(
-            "no pixel is clipped: the brightest pixel reaches {brightest:.3} of white, and pixels count as clipped from `white` = {}",
+            "no pixel is clipped: the brightest pixel reaches {brightest:.3} of white, but only pixels of at least `white` = {} count as clipped",
             params.white
         )
     } else {
         let equal = pixels.rgb.iter().filter(|rgb| max3(**rgb) == brightest).count();
         format!(
-            "the panorama contains light above white, so none of its pixels counts as clipped; the brightest light, in {equal} pixels, is {brightest:.3}"
+            "the panorama contains light above white, so none of its pixels counts as clipped; the brightest value is {brightest:.3} (pixels with this value: {equal})"
         )
     };
     if let Method::Manual { emitters } = &params.method
         && !emitters.is_empty()
         && !exhaustive
     {
-        let text = format!("none of the {} given lights has an effect: {why}", emitters.len());
+        let text = format!("the given lights (count: {}) have no effect: {why}", emitters.len());
         notes.warning(
             "nothing-to-light",
             format!("{text}; a lower `white` lets more pixels count as clipped"),
@@ -390,7 +394,7 @@ fn report(method: &Method, clipped: u64, pixels: u64, regions: &[RegionLight]) -
         "mean gain (stops)",
         "peak gain (stops)",
         "uncertainty of the mean gain (stops)",
-        "taken for",
+        "treated as",
     ];
     let row = |r: &RegionLight| {
         let numbers = [r.azimuth_deg, r.elevation_deg, r.solid_angle, r.mean_log2_gain, r.peak_log2_gain];

@@ -74,7 +74,7 @@ impl RatioForm {
         1.0 + trust * (ratio.clamp(0.0, most) - 1.0)
     }
 
-    /// Weight of a ratio near `min_energy`: 0 at this bound, 1 from twice the bound.
+    /// Weight of a ratio by the mean light around the pixel: 0 up to `least`, and 1 from twice `least`.
     fn trust(self, energy: f64, least: f64) -> f64 {
         if self == Self::Paper || least <= 0.0 { 1.0 } else { (energy / least - 1.0).clamp(0.0, 1.0) }
     }

@@ -141,9 +141,9 @@ impl Ground {
         }
     }
 
-    /// Two median heights: of the surfaces that face down, and of their upper sides. An upper side is a surface
-    /// that faces up, at most `thickest` above a surface that faces down. `None` unless more than half of the
-    /// surfaces that face down have an upper side.
+    /// The median height of the surfaces that face down, and the median height of their upper sides. An upper side
+    /// is a surface that faces up, at most `thickest` above a surface that faces down. `None` unless more than half
+    /// of the surfaces that face down have an upper side.
     fn shell(&self, down: &[[f64; 3]], up: DVec3, thickest: f64) -> Option<[f64; 2]> {
         let axes = Foot::axes(up);
         let pair = |&[x, y, height]: &[f64; 3]| {

@@ -16,13 +16,13 @@ use crate::math::num;
 
 /// Samples of a picture to compare: interleaved channels, row by row.
 pub struct Plane {
-    /// Columns.
+    /// Width, in pixels.
     pub width: usize,
-    /// Rows.
+    /// Height, in pixels.
     pub height: usize,
-    /// Samples per pixel.
+    /// Number of samples per pixel.
     pub channels: usize,
-    /// All samples.
+    /// The samples, row by row.
     pub samples: Vec<f64>,
 }
 
@@ -33,7 +33,7 @@ pub struct Errors {
     pub pixels: u64,
     /// Mean of squared differences over pixels and channels.
     pub mean_square: f64,
-    /// Mean of absolute differences.
+    /// Mean of absolute differences over pixels and channels.
     pub mean_absolute: f64,
     /// Largest absolute difference.
     pub largest: f64,

@@ -11,13 +11,13 @@ pub use weights::Weights;
 /// Feature maps in f32: channel by channel, row by row.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tensor {
-    /// Number of maps.
+    /// Number of feature maps.
     pub channels: usize,
-    /// Rows.
+    /// Height of each map, in pixels.
     pub height: usize,
-    /// Columns.
+    /// Width of each map, in pixels.
     pub width: usize,
-    /// All values.
+    /// The values, in the order of map, row and column.
     pub data: Vec<f32>,
 }
 

@@ -11,12 +11,13 @@ use super::settings::TILE;
 use crate::math::{equirect, num};
 use crate::types::Camera;
 
-/// Distance beyond the edges of the image, as a fraction of half the image, up to which the derivative of the
-/// projection is evaluated at the centre of the splat. For splats farther out it is evaluated at this distance,
-/// because the linear approximation diverges (INRIA forward.cu: 1.3 times the tangent).
+/// Distance beyond the edges of the image, as a fraction of half the size of the image, up to which the derivative
+/// of the projection is evaluated at the centre of the splat. For splats farther out it is evaluated at this
+/// distance, because the linear approximation diverges (INRIA forward.cu: 1.3 times the tangent).
 const GUARD: f64 = 0.3;
 
-/// Margin of bounds in pixels, so that no pixel whose alpha reaches `alpha_cut` is lost to rounding.
+/// Margin, in pixels, that is added to bounds, so that no pixel whose alpha reaches `alpha_cut` is lost to
+/// rounding.
 pub(super) const SLACK_PX: f64 = 0.01;
 
 /// Minimum distance from the axis through the poles at which the derivative of a panorama is evaluated, as a

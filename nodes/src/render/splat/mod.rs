@@ -103,10 +103,10 @@ impl Work {
         notes.count(
             "degenerate-splats",
             self.degenerate,
-            "footprints are not finite ellipses and were left out",
+            "of the footprints had to be left out because of a shape that is not a finite ellipse",
         );
         let text = format!(
-            "colours exceeded the maximum of {:e} (white is 1) or overflowed, and were clamped to that maximum",
+            "of the colours exceeded the maximum of {:e} (white is 1) or overflowed, and had to be clamped to that maximum",
             sh::LARGEST
         );
         notes.count("colours-held", self.held, text);
@@ -124,13 +124,13 @@ impl Work {
                 )
             } else if self.degenerate > self.projected {
                 format!(
-                    "footprints that are not finite ellipses were left out ({}); check the scales of the splats",
+                    "footprints that are not finite ellipses were left out (number: {}); check the scales of the splats",
                     self.degenerate
                 )
             } else {
                 "check that the camera and the splats use the same frame and scale".to_owned()
             };
-            let text = format!("{} of {splats} splats are visible; {why}", self.projected);
+            let text = format!("only {} of {splats} splats can be seen; {why}", self.projected);
             notes.warning("few-splats-seen", text);
         }
     }
@@ -235,7 +235,7 @@ fn check(camera: &Camera, limit: Option<Limit<'_>>) -> Result<(), NodeError> {
     let found = limit.map_or(size, |Limit { depth, .. }| (depth.width, depth.height, depth.channels));
     if found != size {
         let what = format!(
-            "the limiting depth for view `{}` has {}x{} pixels of {} channels; it must have {}x{} pixels of 1 channel",
+            "the limiting depth for view `{}` has {}x{} pixels and the channel count {}; it must have {}x{} pixels and 1 channel",
             camera.name, found.0, found.1, found.2, size.0, size.1
         );
         return Err(NodeError::new(what).at("limit"));

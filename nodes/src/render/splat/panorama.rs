@@ -33,7 +33,7 @@ const DENSITY: f64 = 1.5;
 pub struct PanoramaCamera {
     /// Position, in world units.
     pub eye: DVec3,
-    /// Up direction, shown at the top edge of the picture.
+    /// Up direction of the world. It is shown along the top edge of the picture.
     pub up: Up,
     /// Number of columns, which must be even. There are half as many rows.
     pub width_px: u32,

@@ -56,9 +56,9 @@ pub(super) struct Entry {
 #[derive(Default)]
 struct Chunk {
     footprints: Vec<Footprint>,
-    /// For each splat, the distance by which its peak must lie in front of the limiting surface (see
-    /// [`Limit`](super::Limit)) for the splat to be drawn, in world units. Empty if there is no such surface or all
-    /// of these distances are 0.
+    /// For each footprint, the distance by which the peak of its splat must lie in front of the limiting surface
+    /// (see [`Limit`](super::Limit)) for the splat to be drawn, in world units. Empty if there is no such surface
+    /// or all of these distances are 0.
     margins: Vec<f32>,
     /// Peak of each footprint, for `RayMedian` and where there are margins.
     peaks: Vec<Peak>,

@@ -11,7 +11,7 @@ mod modes;
 mod panorama;
 mod peaks;
 
-/// Reproducible numbers in [0, 1).
+/// Generator of reproducible random numbers in [0, 1).
 struct Random(u64);
 
 impl Random {
@@ -117,7 +117,7 @@ const F64: Settings = Settings {
     list_bytes: settings::LIST_BYTES,
 };
 
-/// Pixel of the textbook implementation, blended front to back.
+/// State of a pixel of the textbook implementation, which blends splats front to back.
 struct TextbookPixel {
     rgb: [f64; 3],
     transmittance: f64,

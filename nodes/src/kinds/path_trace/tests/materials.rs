@@ -345,9 +345,9 @@ fn a_lobe_as_narrow_as_a_texel_counts_a_sun_once() {
     }
 }
 
-/// A matte surface with bent shading normals reflects light by Lambert's law, summed over the texels above its
-/// triangles, for any viewer, because normals are adjusted only for mirrors. This test fails if
-/// `Frame::around(matte_normal)` is replaced by `frame`.
+/// A matte surface with bent shading normals reflects light by Lambert's law, regardless of the position of the
+/// viewer, because normals are adjusted only for mirrors. The expected light is summed over the texels above the
+/// triangles. This test fails if `Frame::around(matte_normal)` is replaced by `frame`.
 #[test]
 fn bent_normals_of_matte_surfaces_do_not_turn_with_the_viewer() {
     let mut env = constant(Up::PlusZ, [0.1; 3], 64);

@@ -208,8 +208,8 @@ impl Course {
         place % folds
     }
 
-    /// Indices of the examples for one network: all examples with hidden light, except the examples whose location
-    /// belongs to `fold`.
+    /// Indices of the examples for one network: all examples with hidden light, except those whose location belongs
+    /// to `fold`. If `fold` is `None`, no location is excluded.
     pub fn chosen(&self, fold: Option<usize>, folds: usize) -> Vec<usize> {
         let learns = |i: &usize| {
             let ([.., hidden, _], open) = (self.raw.fluxes[*i], self.open[*i]);
@@ -222,8 +222,8 @@ impl Course {
         (0..self.raw.count).filter(learns).collect()
     }
 
-    /// Means and standard deviations of the features over the chosen examples: for the features of a whole
-    /// panorama, and for the features of a cell.
+    /// Means and standard deviations, over the chosen examples, of the features of a panorama and of the features
+    /// of a cell.
     pub fn scales(&self, chosen: &[usize]) -> [Scale; 2] {
         let among = |i: usize| chosen.binary_search(&i).is_ok();
         let real = |i: usize| among(i / CELLS) && self.raw.log_flux[i] > -1e8;

@@ -1,6 +1,6 @@
 //! Procedural panoramas: skies with sun, clouds or overcast, nights with a moon or lamps, rooms with windows and
-//! lamps, studios. The energy of their lights is consistent with the brightness of the surfaces that they light,
-//! since the amount of hidden light is learned from these surfaces.
+//! lamps, and studios. The energy of their lights is consistent with the brightness of the surfaces that they
+//! light, since the amount of hidden light is learned from these surfaces.
 
 use std::f64::consts::{PI, TAU};
 

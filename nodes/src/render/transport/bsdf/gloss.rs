@@ -60,7 +60,7 @@ pub struct Gloss {
     dielectric: [Vec3; 2],
     /// Reflectance of the metal at normal and grazing incidence, times the share of the surface that is metal.
     metal: [Vec3; 2],
-    /// Factor that compensates the energy that single scattering loses.
+    /// Factor that compensates for the energy that single scattering loses.
     gain: Vec3,
     /// Directional albedo towards the viewer.
     pub albedo: Vec3,

@@ -3,7 +3,7 @@
 //! The receiver is matte. Objects have glTF materials: from top to bottom, a clearcoat, a sheen, and a base that is
 //! a mix of metal and dielectric, where the dielectric is a gloss over a matte, translucent or transparent layer.
 //! Each layer transmits the light that its directional albedo does not reflect, so that energy is conserved and
-//! white surfaces lose none.
+//! white surfaces absorb no light.
 //!
 //! The lobes form two classes. Each class is sampled separately and has its own weights against light samples,
 //! because the receiver may be visible to rays of one class and transparent to rays of the other.
@@ -73,7 +73,7 @@ pub struct BsdfParams {
     pub through: (f32, Vec3),
     /// Strength of anisotropy; its direction is the tangent of the frame.
     pub anisotropy: f32,
-    /// Share, index and thickness in nanometres of a thin film.
+    /// Share of the surface that has a thin film, index of refraction of the film, and its thickness in nanometres.
     pub film: (f32, f32, f32),
     /// Colour and roughness of the sheen.
     pub sheen: (Vec3, f32),
@@ -111,7 +111,7 @@ impl Default for BsdfParams {
 pub struct Frame([Vec3; 3]);
 
 impl Frame {
-    /// A frame around a unit vector (Duff et al. 2017).
+    /// Creates a frame whose third axis is a unit vector (Duff et al. 2017).
     pub fn around(n: Vec3) -> Self {
         let sign = 1.0_f32.copysign(n.z);
         let a = -1.0 / (sign + n.z);
@@ -123,7 +123,8 @@ impl Frame {
         ])
     }
 
-    /// A frame around a unit vector, with the first axis as close as possible to `tangent`.
+    /// Creates a frame whose third axis is a unit vector, and whose first axis is as close as possible to
+    /// `tangent`.
     pub fn along(n: Vec3, tangent: Vec3) -> Self {
         match (tangent - n * n.dot(tangent)).try_normalize() {
             Some(t) => Self([t, n.cross(t), n]),
@@ -171,7 +172,7 @@ pub fn mirroring(bent: Vec3, surface: Vec3, out: Vec3) -> Vec3 {
     between(high)
 }
 
-/// A cosine-distributed direction in local coordinates.
+/// A cosine-distributed direction in local coordinates, chosen by two random numbers.
 fn cosine([u, v]: [f32; 2]) -> Vec3 {
     let (sin, cos) = circle(u);
     let r = v.sqrt();
@@ -180,7 +181,10 @@ fn cosine([u, v]: [f32; 2]) -> Vec3 {
 
 /// The BSDF of a surface point, seen from a given direction.
 #[derive(Debug, Clone, Copy)]
-#[expect(clippy::large_enum_variant, reason = "it lives on the stack for one vertex of a path")]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "a value stays on the stack while one vertex of a path is shaded"
+)]
 pub enum Bsdf {
     /// Lambertian reflection, used for the receiver.
     Matte {
