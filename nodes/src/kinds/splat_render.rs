@@ -26,7 +26,7 @@ engine::params! {
         /// pixel, and its centre must also lie in front of `limit`. The distance allows for splats that scatter
         /// around the surface that they represent, and for a mesh slightly below them. At 0, a splat is kept if
         /// its centre lies in front of `limit`.
-        limit_sigmas: f64 = 2.0, range(0.0, 100.0), other("0.0");
+        limit_sigmas: f64 = 3.0, range(0.0, 100.0), other("0.0");
     }
 }
 engine::inputs! {

@@ -259,9 +259,12 @@ pub fn text(survey: &Survey) -> String {
     line(&format!(
         "        front:  SplatRender(splats: \"scene\", rig: \"camera\", limit: \"trace.nearest\"{near}),"
     ));
+    line("        // The object becomes as sharp as the picture of the place around it.");
+    line("        final:  Composite(");
     line(
-        "        final:  Composite(background: \"view\", object: \"clean.object\", shadow: \"shadow\", front: \"front\"),",
+        "            background: \"view\", object: \"clean.object\", shadow: \"shadow\", front: \"front\", sharpness: Match,",
     );
+    line("        ),");
     line("        save:   WriteImage(image: \"final\", path: \"picture.png\"),");
     line("    ),");
     line(")");

@@ -25,7 +25,7 @@ pub(super) fn on_splats(splats: &Splats, foot: &Foot, up: DVec3, reach: f64) -> 
     let mut points = Vec::new();
     for i in 0..splats.len() {
         let opacity = f64::from(splats.opacities[i]);
-        if !(opacity >= OPAQUE) {
+        if opacity.is_nan() || opacity < OPAQUE {
             continue;
         }
         let mean = splats.mean(i);

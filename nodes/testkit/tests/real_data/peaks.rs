@@ -74,8 +74,12 @@ fn splats_of_a_surface_are_not_in_front_of_it() {
             let rest = all.map(|share| format!("{share:.1}")).join(" / ");
             println!("| {name} | {sigmas} | {mesh:.2} | {on:.2} | {rest} |");
             if sigmas == usual {
-                // By centres and 5 deviations, these were 0.6 to 3 % and 18 %.
-                assert!(on < 3.0 && mesh < 5.0, "{name}: {on} {mesh}");
+                // With centres and five deviations, 0.6 % of the splats were in front of the given mesh, and 18 % of
+                // a surface 10 cm farther away.
+                if name == "as they are" {
+                    assert!(on < 1.0 && mesh < 1.0 && all[2] > 60.0, "{on} {mesh} {all:?}");
+                }
+                assert!(all[3] > 90.0, "{name}: {all:?}");
             }
         }
     }
