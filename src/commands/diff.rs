@@ -100,7 +100,9 @@ fn files_difference(a: &Files, b: &Files) -> Difference {
     match only_recipes {
         0 => Difference::none(),
         1 => Difference::of("the pixels are equal, but the recipes in the files differ"),
-        n => Difference::of(format!("the pixels of {n} pictures are equal, but their recipes differ")),
+        n => {
+            Difference::of(format!("{n} pictures have the same pixels on both sides, but different recipes"))
+        }
     }
 }
 

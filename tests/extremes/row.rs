@@ -1,5 +1,5 @@
-//! Reports a measured value for the page of extreme cases. This file is compiled into every test crate that has
-//! such rows, since a separate crate of twenty lines would be a dependency of all of them.
+//! Reports a measured value as a row of the page of extreme cases. Each test crate that reports such rows includes
+//! this file as a module, because twenty lines do not justify a crate.
 
 /// Checks a measured value against the bound of row `number` of `docs/evidence/extremes.md`, and saves it for that
 /// page if `LIGHTHARMONY_ROWS` names a folder. Call it from a test that is named in `tests/extremes/rows.tsv` and

@@ -118,7 +118,7 @@ const SKIPS: [Skip; 8] = [
     },
     Skip {
         what: "rays in regions where objects change nothing",
-        check: "no path of a chunk of pixels meets an object",
+        check: "none of the light paths traced for a chunk of pixels hits an object",
         force: "it cannot be forced; the expected picture does not depend on it",
         kinds: TRACE,
         judge: |seen| {

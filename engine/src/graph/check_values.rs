@@ -98,9 +98,7 @@ impl<'t, 'a> Check<'t, 'a> {
             let place =
                 |name: &str| fields.iter().find(|field| field.name == name).map(|field| field.span.clone());
             let span = error.field.and_then(place).unwrap_or(raw.kind_span.clone());
-            let mut diagnostic = Diagnostic::of(Code::Parameters, span, error.message());
-            diagnostic.hints.extend(error.hint);
-            self.report(diagnostic);
+            self.report(Diagnostic::caused_by(Code::Parameters, span, error));
         }
         Some((step, sink_path))
     }

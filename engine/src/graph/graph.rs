@@ -145,9 +145,8 @@ impl Graph {
                 },
             };
             let field = error.field.or(node.kind.source_param());
-            let mut mistake = Diagnostic::of(Code::MissingFile, self.place(index, field), error.message());
-            mistake.hints.extend(error.hint);
-            mistakes.push(mistake);
+            let place = self.place(index, field);
+            mistakes.push(Diagnostic::caused_by(Code::MissingFile, place, error));
         }
         if mistakes.is_empty() { Ok(()) } else { Err(Diagnostics::new(self.source.clone(), mistakes)) }
     }
@@ -181,10 +180,8 @@ impl Graph {
         let mut mistakes = Vec::new();
         for (index, node) in self.nodes.iter().enumerate() {
             if let Err(error) = node.step.check_wires(&self.wired(index)) {
-                let mut mistake =
-                    Diagnostic::of(Code::Wiring, self.place(index, error.field), error.message());
-                mistake.hints.extend(error.hint);
-                mistakes.push(mistake);
+                let place = self.place(index, error.field);
+                mistakes.push(Diagnostic::caused_by(Code::Wiring, place, error));
             }
         }
         let one_file =
@@ -203,10 +200,8 @@ impl Graph {
                 Ok(ViewCount::Known(count)) => Some(count),
                 Ok(ViewCount::As(inputs)) => inputs.iter().find_map(of_input),
                 Err(error) => {
-                    let mut mistake =
-                        Diagnostic::of(Code::Wiring, self.place(index, error.field), error.message());
-                    mistake.hints.extend(error.hint);
-                    mistakes.push(mistake);
+                    let place = self.place(index, error.field);
+                    mistakes.push(Diagnostic::caused_by(Code::Wiring, place, error));
                     None
                 }
             };

@@ -9,7 +9,7 @@ use cache::KeyWriter;
 use crate::kind::fields::Fields;
 use crate::kind::param_type::Role;
 use crate::kind::params::Params;
-use crate::kind::registry::{KindEntry, Step};
+use crate::kind::registry::{KindEntry, Step, read_params};
 use crate::kind::scene::Point;
 use crate::text::document::RawField;
 use crate::value::artifact::{Decoder, Encoder};
@@ -48,7 +48,7 @@ pub struct Node {
     pub(crate) step: Arc<dyn Step>,
 }
 
-/// Reads the parameters of a kind with `read`, from their canonical texts.
+/// Parses the parameters of a kind from their canonical texts, by calling `read`.
 fn read<T>(
     kind: &'static str,
     values: &[(&'static str, String)],
@@ -81,7 +81,7 @@ impl Node {
 
     /// The parameters of the node as a `P`; `None` if its kind has different parameters.
     pub fn params<P: Params>(&self) -> Option<P> {
-        read(self.kind.name, &self.values(), P::read)
+        read(self.kind.name, &self.values(), read_params)
     }
 
     /// The node's parameters with one value replaced; `None` if its kind rejects the new value.

@@ -157,7 +157,7 @@ pub trait Kind: 'static {
         sizes.total()
     }
 
-    /// The files that `run` reads. An implementation may read only headers to find them.
+    /// The files that `run` reads. To find them, an implementation must not read more of a file than its header.
     fn sources(_params: &Self::Params, _root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
         Ok(Vec::new())
     }

@@ -45,7 +45,7 @@ pub enum LockError {
     Format {
         /// Name of the file.
         name: String,
-        /// Format number in the lock.
+        /// Version of the format of the lock.
         format: u32,
     },
 }

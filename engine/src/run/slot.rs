@@ -5,6 +5,7 @@ use cache::Digest;
 use crate::record::action::Action;
 use crate::record::record::Record;
 use crate::run::event::State;
+use crate::run::time_estimate::TimeEstimate;
 use crate::value::artifact::AnyArtifact;
 use crate::value::counts::Effort;
 
@@ -75,10 +76,8 @@ pub(crate) struct Slot {
     pub degraded: bool,
     /// True if the node, or an upstream node, is reduced for a preview.
     pub rough: bool,
-    /// Amount of work of the node's code, in the units of its kind ([`Kind::work`](crate::Kind::work)).
-    pub work: f64,
-    /// True if the forecast of the node is below the limit for short nodes; see `queue`.
-    pub short: bool,
+    /// Work and expected time of the node's code. Set when the key of the node is known.
+    pub time: TimeEstimate,
     /// Memory reserved for the node's code, in bytes.
     pub reserved: u64,
     /// Estimate of the memory that the node's code needs, in bytes; `None` before the first estimate.
@@ -115,8 +114,7 @@ impl Slot {
             owed: 0,
             degraded: false,
             rough: false,
-            work: 0.0,
-            short: false,
+            time: TimeEstimate::default(),
             reserved: 0,
             cost: None,
             end: None,

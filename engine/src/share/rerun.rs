@@ -35,10 +35,10 @@ pub struct Recipe {
 }
 
 impl Recipe {
-    /// Parses the recipe in a picture.
+    /// Parses the text of a recipe that was stored in a picture.
     ///
     /// # Errors
-    /// [`RecipeError::NoRecipe`] for any other text.
+    /// [`RecipeError::NoRecipe`] if `text` is not a recipe.
     pub fn parse(text: &str) -> Result<Self, RecipeError> {
         let rest = text.strip_prefix(HEAD).ok_or(RecipeError::NoRecipe)?;
         let (head, _) = rest.split_once('\n').ok_or(RecipeError::NoRecipe)?;

@@ -9,6 +9,7 @@ use annotate_snippets::{AnnotationKind, Level, Renderer, Snippet};
 use serde::Serialize;
 
 use crate::text::source::{Piece, Source};
+use crate::value::error::NodeError;
 
 /// Category of a mistake. Its name in JSON is stable.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -79,6 +80,11 @@ impl Diagnostic {
     pub fn of(code: Code, span: Range<usize>, message: impl Into<String>) -> Self {
         let message = bounded(message.into());
         Self { code, span, message, label: String::new(), related: Vec::new(), hints: Vec::new() }
+    }
+
+    /// A mistake with the message and the advice of an error.
+    pub fn caused_by(code: Code, span: Range<usize>, error: NodeError) -> Self {
+        Self { hints: error.hint.iter().cloned().collect(), ..Self::of(code, span, error.message()) }
     }
 
     /// Sets the text next to the underline.

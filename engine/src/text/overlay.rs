@@ -92,7 +92,10 @@ impl<'t> Overlays<'t> {
         for (axis, span) in self.axes {
             let quoted = format!("\"{axis}\"");
             if !fields().any(|field| field.text.contains(&quoted)) {
-                let what = format!("the graph has no axis `{}`, and no node reads such an axis", shown(axis));
+                let what = format!(
+                    "the graph does not declare an axis `{}`, and no node uses an axis of that name",
+                    shown(axis)
+                );
                 let others = document.axes.iter().map(|known| known.name).filter(|known| *known != axis);
                 diagnostics.push(Diagnostic::of(Code::UnknownField, span, what).suggest(axis, others));
             }

@@ -33,7 +33,7 @@ const DEEPEST: usize = 32;
 /// Maximum length of a field after parameters are inserted, in bytes.
 const LONGEST: usize = 1 << 18;
 
-/// Documents of the files used as subgraphs, by the names of their pieces.
+/// Parsed documents of the subgraph files, keyed by the name under which the graph refers to each.
 pub(crate) type SubgraphFiles<'t> = BTreeMap<&'t str, Document<'t>>;
 
 /// Function that makes the diagnostic for a file that was not read. The arguments are the name of the file, and the

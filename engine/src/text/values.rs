@@ -109,7 +109,7 @@ pub(crate) fn value_mistake(
     let mistake = |message: String| Diagnostic::of(Code::WrongValue, span.clone(), message);
     match error {
         ron::Error::NoSuchEnumVariant { found, expected, .. } => {
-            mistake(format!("`{name}` has no choice `{}`", shown(found)))
+            mistake(format!("`{}` is not one of the choices of `{name}`", shown(found)))
                 .label(format!("one of {wanted}"))
                 .suggest(found, expected.iter().copied())
         }

@@ -127,8 +127,8 @@ fn profile(bytes: &[u8]) -> Option<icc::Meaning> {
     }
 }
 
-/// Writes codes as a PNG, with 8 bits per sample if `raster.largest` is 255, otherwise with 16. `srgb` declares
-/// that colour samples are sRGB-encoded. `texts` holds the keyword and the text of each entry of the metadata.
+/// Encodes the integer samples of a picture as a PNG, with 8 bits per sample if `raster.largest` is 255, otherwise
+/// with 16. `srgb` declares that colour samples are sRGB-encoded. `texts` holds the keyword and the text of each entry of the metadata.
 /// Filter and compression are fixed.
 pub fn write(raster: &Raster, srgb: bool, texts: &[(&str, &str)]) -> Result<Vec<u8>, Error> {
     write_for(raster, Packing::Small, srgb, texts, Progress::UNTRACKED)

@@ -34,9 +34,10 @@ engine::params! {
         path: InputFile, other("\"b.exr\"");
         /// Layer of an OpenEXR file, such as `ViewLayer.Combined`, or a channel. The default is the unnamed layer.
         layer: String = String::new(), other("\"R\"");
-        /// Exposes linear light as an 8-bit camera would, this many stops above EV 0. At EV 0, the median of
-        /// the samples above 0 is 0.5 after it is raised to the power 1 / 2.4. If more than 15 % of the sphere would
-        /// then be above white, EV 0 is darker. `None` keeps the light unclipped.
+        /// Exposes linear light as an 8-bit camera would, this many stops above EV 0. EV 0 is the exposure at which
+        /// the median of the positive samples is 0.5 after it is raised to the power 1 / 2.4. If more than 15 % of
+        /// the sphere would then be above white, EV 0 is the brightest exposure at which at most 15 % is. `None`
+        /// keeps the light unclipped.
         photograph_ev: Option<f64> = None, range(-24, 24), unit("EV"), other("1.0");
         /// Rotation about the up axis, counter-clockwise seen from above. Linear light is interpolated between
         /// pixels; display colours rotate by the nearest whole number of columns, because interpolation would dim a

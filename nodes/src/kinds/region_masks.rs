@@ -20,8 +20,8 @@ engine::params! {
         /// Largest alpha at which a pixel can belong to the shadow or the rest. Pixels of soft edges, whose alpha
         /// is between this value and `object_threshold`, belong to no region.
         edge_threshold: f64 = 0.0, range(0, 1), other("0.5");
-        /// Minimum change of a channel for a pixel to belong to the shadow. The change is a difference in display
-        /// values, or the difference of the factor from 1.
+        /// Minimum change of a channel for a pixel to belong to the shadow: between `with` and `without`, the
+        /// difference in display values; in `shadow`, the difference between the ratio and 1.
         shadow_threshold: f64 = 0.02, range(0, 1), other("0.3");
         /// Height of the contact band, as a fraction of the object's height in the picture.
         contact: f64 = 0.05, range(0, 1), other("0.5");
@@ -127,10 +127,11 @@ impl Kind for RegionMasks {
     }
 }
 
-/// Checks that at most one source of the shadow is wired, and that `with` and `without` are wired together.
+/// Checks that at most one source of the shadow is wired, and that `with` and `without` are either both wired or
+/// both unwired.
 fn check_shadow([shadow, with, without]: [bool; 3]) -> Result<(), NodeError> {
     if with != without {
-        return Err(NodeError::new("`with` and `without` must be wired together").at(if with {
+        return Err(NodeError::new("`with` and `without` must both be wired, or neither").at(if with {
             "with"
         } else {
             "without"

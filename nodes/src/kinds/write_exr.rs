@@ -85,7 +85,7 @@ impl Kind for WriteExr {
                     "the layer name `{name}` is empty, has characters that are not allowed, or is used twice"
                 ))
                 .at("names")
-                .hint("use letters, digits, `-` and `_`, and each name once"));
+                .hint("use only letters, digits, `-` and `_`, and use each name only once"));
             }
         }
         Ok(())

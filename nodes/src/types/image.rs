@@ -157,7 +157,7 @@ impl From<Image<Data>> for Picture {
     }
 }
 
-/// A picture of a set, with its name.
+/// A picture in a set, with its name.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NamedImage {
     /// Name of the view, as in the rig; replaces `{view}` in paths.
@@ -237,7 +237,7 @@ impl Artifact for Images {
         for (a, b) in self.0.iter().zip(&other.0) {
             if a.name != b.name || a.picture.encoding() != b.picture.encoding() {
                 return Difference::of(format!(
-                    "view {} ({}) and {} ({})",
+                    "views {} ({}) and {} ({})",
                     a.name,
                     a.picture.encoding(),
                     b.name,

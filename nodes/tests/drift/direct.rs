@@ -162,8 +162,8 @@ fn places(pixel: u32, edges: [f64; 2]) -> Vec<(f64, f64)> {
     cuts.windows(2).flat_map(piece).collect()
 }
 
-/// Light that a matte horizontal surface at a given height reflects to each pixel. It is the mean over 3 by 3
-/// positions in each piece of the pixel.
+/// Light that a matte horizontal surface at a given height reflects to each pixel. Each pixel is
+/// divided into pieces, and the result is the mean over 3 by 3 positions in every piece.
 fn summed(
     camera: &Camera,
     directions: &[(DVec3, [f64; 3])],

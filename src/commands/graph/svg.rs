@@ -9,7 +9,7 @@ use base64::prelude::BASE64_STANDARD;
 use engine::{Graph, Planned};
 use trade::escape::escaped;
 
-use super::state;
+use super::state::state;
 use crate::session::sheet::THUMBNAIL;
 
 /// Height of the texts of a box, in pixels.

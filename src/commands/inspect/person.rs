@@ -5,7 +5,8 @@ use std::fmt::Write as _;
 use nodes::geometry::inspect::{Extent, Finding, FloorGuess, mesh, splats::Inspection};
 use nodes::geometry::level::LevelEstimate;
 
-use super::{Answer, picture};
+use super::answer::Answer;
+use super::picture;
 use crate::session::splats;
 
 /// Formats lengths with the number of digits that the size of the scene needs.

@@ -8,10 +8,10 @@ use nodes::kinds::load_splats::LoadSplats;
 use nodes::render::agreement::{Comparison, Finding, Likely, Moved, Regions};
 use nodes::types::frame::{Similarity, world_from_gltf};
 
-use super::{Pair, above};
+use super::pair::{self, Pair, above};
 
 /// The findings about a pair of splats and mesh, as text.
-pub fn texts(graph: &Graph, pair: &Pair, found: &Comparison) -> Vec<super::Finding> {
+pub fn texts(graph: &Graph, pair: &Pair, found: &Comparison) -> Vec<pair::Finding> {
     let name = |node: usize| graph.nodes[node].id.as_str();
     let (splats, mesh) = (name(pair.splats.node), name(pair.mesh.node));
     let percent = 100.0 * found.agreement;

@@ -6,7 +6,8 @@ use engine::{Engine, Graph, Wire};
 use nodes::geometry::before_object::{Depths, share};
 use nodes::types::{Images, Picture};
 
-use super::{Finding, of_kind, wires};
+use super::pair::{Finding, of_kind};
+use crate::session::wires;
 
 /// Maximum number of compared pairs. A pair consists of a picture of splats and a trace; only its first view is
 /// compared. This bounds the time of the check.

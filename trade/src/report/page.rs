@@ -197,7 +197,9 @@ fn attribution(
             let own = metric.shown(Some(own));
             format!("`{node}` is the bottleneck: its own error is {own}.")
         }
-        Blame::Helps(node) => format!("The error falls most if only `{node}` is set to the reference."),
+        Blame::Helps(node) => {
+            format!("The error falls most if only `{node}` is set to its reference setting.")
+        }
         Blame::None if both => "No node has an error of its own.".to_owned(),
         Blame::None => "Setting a single node to the reference does not reduce the error.".to_owned(),
         Blame::Unknown => {

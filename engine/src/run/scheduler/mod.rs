@@ -105,7 +105,8 @@ impl<'a> Run<'a> {
         if self.unstarted.is_empty() {
             return;
         }
-        let workers = Workers::new(self.engine.threads(), self.engine.limits().jobs);
+        let jobs = self.engine.limits().jobs;
+        let workers = Workers::new(self.engine.threads(), Queue::most(jobs) + jobs);
         std::thread::scope(|scope| {
             let _closing = workers.closing();
             self.coordinate(scope, &workers, receiver);
@@ -269,7 +270,7 @@ impl<'a> Run<'a> {
     }
 
     fn end_running(&mut self, index: usize) {
-        self.queue.end(&self.slots[index]);
+        self.queue.end(index);
         self.memory.release(&mut self.slots[index]);
     }
 

@@ -19,11 +19,11 @@ use crate::value::error::NodeError;
 /// Selects the nodes whose values become part of a bundle. Digests of all known results are always included.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Results {
-    /// No nodes.
+    /// Includes no values, only digests.
     Digests,
-    /// The targets, which are the sinks by default.
+    /// Includes the values of the targets, which are the sinks by default.
     Targets,
-    /// All nodes with stored values.
+    /// Includes all stored values.
     All,
 }
 

@@ -179,7 +179,7 @@ impl Config {
         };
         if said != *self {
             let what = format!(
-                "the model that it describes has other sizes than the model in `{}`; use the `config.json` of that model",
+                "it describes a model whose layer sizes differ from those in `{}`; use the `config.json` that belongs to that file",
                 file.display()
             );
             return Err(Error::file(&path, what));

@@ -10,9 +10,9 @@ use super::error::{Error, Result};
 /// product that is computed with quantised numbers.
 #[derive(Debug)]
 pub enum Matrix {
-    /// Plain numbers.
+    /// Weights that are not quantised.
     Plain(Tensor),
-    /// Numbers quantised in blocks.
+    /// Weights that are quantised in blocks.
     Blocks(QTensor),
 }
 

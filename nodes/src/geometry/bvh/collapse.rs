@@ -1,6 +1,7 @@
 //! Selection of the branches of a binary tree that become children of eight-wide nodes.
 
-use super::WIDE;
+/// Number of children of a node.
+pub(super) const WIDE: usize = 8;
 
 /// A branch of a binary tree. Only the topology is stored, since boxes are computed from the leaves.
 #[derive(Clone, Copy)]

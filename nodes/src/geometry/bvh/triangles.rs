@@ -2,7 +2,7 @@
 
 use glam::Vec4;
 
-use super::{Hit, Ray};
+use super::ray::{Hit, Ray};
 
 /// Four triangles, one per lane.
 #[derive(Debug, Clone, Copy)]

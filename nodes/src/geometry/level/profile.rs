@@ -45,13 +45,14 @@ pub(super) struct Profile {
     pub things: f64,
     /// Surfaces counted in `things`, as a share of all surface.
     pub things_share: f64,
-    /// Balance between the level surfaces in the lower half of the space from floor to lid and those in the upper half.
+    /// Weight of the level surfaces in the lower half of the space from floor to lid minus that in the upper half,
+    /// divided by their sum.
     pub levels: f64,
     /// Surfaces counted in `levels`, as a share of all surface.
     pub levels_share: f64,
     /// Mean luma of the upper fifth of the scene minus the mean luma of the floor.
     pub light: f64,
-    /// Balance between the background above the centre of the scene and the background below it.
+    /// Weight of the background above the centre of the scene minus the weight below it, divided by their sum.
     pub sky: f64,
     /// Weight of the background, as a share of the weight of the surface in the core.
     pub sky_share: f64,

@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DVec3};
 
-use super::Candidate;
+use super::candidate::{Candidate, LAYERED};
 use super::patch::Patches;
 use super::profile::profile;
 use crate::math::num;
@@ -107,8 +107,7 @@ pub(super) fn weigh(held: &Held, patches: &Patches, candidates: &mut Vec<Candida
         let most = candidates.iter().map(|c| c.layering).fold(1e-12, f64::max);
         for up in [held.up, -held.up] {
             let profile = profile(patches, up);
-            let odds =
-                super::LAYERED * num::f64::ln((least / most).max(1e-9)) * 0.5 + profile.evidence().sum();
+            let odds = LAYERED * num::f64::ln((least / most).max(1e-9)) * 0.5 + profile.evidence().sum();
             candidates.push(Candidate { odds, layering: least, profile });
         }
     }

@@ -11,7 +11,7 @@ use exr::meta::header::Header;
 use exr::prelude::{MetaData, ReadLayers, f16};
 
 use super::part::{choose_part, part_name};
-use super::{Channel, Planes};
+use super::planes::{Channel, Planes};
 use crate::error::Error;
 use crate::io::png::believable;
 use crate::io::progress::{Progress, TrackedReader};

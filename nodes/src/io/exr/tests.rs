@@ -8,6 +8,7 @@ use exr::prelude::{
     f16,
 };
 
+use super::planes::REC_709;
 use super::*;
 use crate::io::progress::Progress;
 use crate::testing::row;

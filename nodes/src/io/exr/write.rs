@@ -10,7 +10,7 @@ use exr::prelude::{
     AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer, LayerAttributes, Text, WritableImage, f16,
 };
 
-use super::Channel;
+use super::planes::Channel;
 use crate::error::Error;
 use crate::io::progress::Progress;
 

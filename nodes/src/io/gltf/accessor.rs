@@ -3,7 +3,7 @@
 use gltf::Accessor;
 use gltf::accessor::{DataType, Dimensions};
 
-use super::File;
+use super::file::File;
 use crate::error::Error;
 
 /// The numbers of an accessor, converted to f64.

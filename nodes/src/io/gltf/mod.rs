@@ -3,6 +3,7 @@
 mod accessor;
 pub(crate) mod address;
 mod container;
+mod file;
 pub(crate) mod object;
 
 use std::collections::BTreeSet;
@@ -19,6 +20,7 @@ use container::split;
 
 pub use accessor::Numbers;
 pub use container::{json_in, json_of};
+pub use file::File;
 
 /// The parts of a file that are read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -64,16 +66,6 @@ fn advice(extension: &str) -> &'static str {
         "EXT_texture_avif" => " (AVIF textures); save them as PNG or JPEG",
         _ => "",
     }
-}
-
-/// A parsed file whose indices are all in range.
-pub struct File {
-    name: String,
-    /// The checked document.
-    pub document: Document,
-    /// The document as plain JSON, for extensions.
-    pub json: Value,
-    blob: Option<Vec<u8>>,
 }
 
 /// Reads the container and the JSON of a glTF or GLB file.

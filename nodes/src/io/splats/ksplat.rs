@@ -6,9 +6,10 @@
 use engine::{NodeError, Notes};
 
 use super::bytes::{f16_at, f32_at, range, u8_at, u16_at, u32_at};
+use super::loaded::Loaded;
 use super::parts::Part;
+use super::reading::Reading;
 use super::rows::{Row, RowFault, SH_C0, sh_rest};
-use super::{Loaded, Reading};
 use crate::error::Error;
 
 const HEADER: usize = 4096;
@@ -168,7 +169,7 @@ pub(super) fn load(
         .iter()
         .map(|head| Section::read(file, bytes, head, level, &mut at));
     let sections = read.collect::<Result<Vec<_>, _>>()?;
-    super::left_over(file, bytes.len() - at, notes);
+    super::loaded::left_over(file, bytes.len() - at, notes);
     let count: usize = sections.iter().map(|section| section.count).sum();
     if count != promised {
         let what = format!("the header promises {promised} splats, but the sections hold {count}");

@@ -9,8 +9,10 @@
 use engine::{NodeError, Notes};
 
 use super::fixed_rows::{Element, Field, FixedRows};
+use super::loaded::Loaded;
+use super::reading::Reading;
 use super::rows::{Row, RowFault, SH_C0};
-use super::{Loaded, Reading, training};
+use super::training;
 use crate::error::Error;
 use crate::io::colour_range::Range;
 use crate::io::ply::{self, Scalar};

@@ -10,9 +10,10 @@ use engine::{NodeError, Notes};
 
 use super::bytes::{u8_at, u32_at};
 use super::fixed_rows::{Element, Field, FixedRows};
+use super::loaded::Loaded;
+use super::reading::Reading;
 use super::rows::{Row, SH_C0, largest_left_out};
 use super::training;
-use super::{Loaded, Reading};
 use crate::error::Error;
 use crate::io::ply::Scalar;
 use crate::math::num;

@@ -8,9 +8,10 @@ use engine::{NodeError, Notes};
 use serde::Deserialize;
 
 use super::bytes::believed;
+use super::loaded::Loaded;
+use super::reading::{Fetch, Reading};
 use super::rows::{Row, RowFault, largest_left_out, sh_rest};
 use super::zip::Archive;
-use super::{Fetch, Loaded, Reading};
 use crate::error::Error;
 use crate::io::foreign::json_text;
 use crate::math::num;

@@ -5,8 +5,9 @@
 use engine::{NodeError, Notes};
 
 use super::bytes::{f32_at, u8_at};
+use super::loaded::Loaded;
+use super::reading::Reading;
 use super::rows::{Row, SH_C0};
-use super::{Loaded, Reading};
 use crate::error::Error;
 
 /// Number of bytes per splat.

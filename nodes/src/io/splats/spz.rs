@@ -12,8 +12,9 @@ use glam::{DMat3, DVec3};
 use super::bytes::{believed, f16_at, range, u8_at, u32_at, u64_at};
 use super::frame::{Frame, Turn};
 use super::inflate::{DEFLATE_RATIO, gunzip, unzstd};
+use super::loaded::Loaded;
+use super::reading::Reading;
 use super::rows::{Row, largest_left_out, sh_rest};
-use super::{Loaded, Reading};
 use crate::error::Error;
 use crate::math::num;
 use crate::types::frame::Similarity;
@@ -236,7 +237,7 @@ pub(super) fn load(
     notes: &mut Notes,
 ) -> Result<Loaded, NodeError> {
     let Attributes { header, count, streams, extensions, left_over } = unpack(file, bytes)?;
-    super::left_over(file, left_over, notes);
+    super::loaded::left_over(file, left_over, notes);
     if header.version <= 2 {
         let text = format!(
             "`{file}` is a file of SPZ version {}, so its rotations have errors of up to 12 degrees",

@@ -12,6 +12,8 @@ use super::*;
 use crate::kinds::load_splats::{In, LoadSplats};
 use crate::testing::{context, row};
 use build::{Packed, PlyRow};
+use engine::Up;
+use glam::DVec3;
 
 fn read(bytes: &[u8]) -> Result<(Splats, Notes), NodeError> {
     from_bytes("a", bytes, Frame::ByFormat, &context())

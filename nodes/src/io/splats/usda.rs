@@ -7,8 +7,9 @@ use engine::{NodeError, Notes, Up};
 use glam::{DMat3, DMat4, DVec3};
 
 use super::frame::Turn;
+use super::loaded::Loaded;
+use super::reading::Reading;
 use super::rows::{Row, RowFault, sh_rest};
-use super::{Loaded, Reading};
 use crate::error::Error;
 use crate::types::frame::Similarity;
 

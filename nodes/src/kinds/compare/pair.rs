@@ -2,7 +2,7 @@
 
 use engine::{Context, NodeError};
 
-use super::{Compare, Space};
+use super::params::{Compare, Space};
 use crate::math::color::srgb_from_linear;
 use crate::math::metrics::{
     Errors, Exposures, Lpips, Plane, SSIM_RADIUS, Sight, ciede2000_map, errors, hdr_flip_map, mean_over,

@@ -3,7 +3,7 @@
 use crate::types::{Cell, Report, Table};
 
 use super::pair::Row;
-use super::{Compare, Space};
+use super::params::{Compare, Space};
 
 /// Columns at the start of both tables. The columns of each table follow them.
 pub(super) const COMMON: [&str; 5] = ["view", "picture", "region", "pixels", "share of all pixels"];

@@ -2,9 +2,11 @@
 
 use super::table::COMMON;
 use super::*;
+use crate::math::metrics::PIXELS_PER_DEGREE;
 use crate::math::num;
 use crate::testing::context;
 use crate::types::{Cell, Data, Image, Linear, Srgb};
+use engine::InputFile;
 
 fn one(picture: impl Into<Picture>) -> Arc<Images> {
     Arc::new(Images::single("v", picture))

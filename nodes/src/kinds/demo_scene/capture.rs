@@ -9,7 +9,7 @@ use super::light::{Effort, Lit, Rgb, add, times};
 use super::place::Layout;
 use super::random::unit;
 use super::shape::Quad;
-use super::{View, WorldFrame};
+use super::view::{View, WorldFrame};
 use crate::math::color::srgb_from_linear;
 use crate::math::num;
 use crate::types::{SplatEncoding, Splats};

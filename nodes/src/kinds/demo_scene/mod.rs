@@ -24,6 +24,7 @@ mod shape;
 
 use light::{Effort, Lit};
 use place::Layout;
+use view::{View, WorldFrame};
 
 engine::choices! {
     /// Setting of the demo scene.
@@ -80,33 +81,6 @@ engine::outputs! {
         /// The true light at the object, unclipped.
         truth_env: Arc<Environment>,
     }
-}
-
-/// Conversion from metres in the frame of the scene to world units.
-struct WorldFrame {
-    axes: [DVec3; 3],
-    per_metre: f64,
-}
-
-impl WorldFrame {
-    fn turn(&self, v: DVec3) -> DVec3 {
-        self.axes[0] * v.x + self.axes[1] * v.y + self.axes[2] * v.z
-    }
-
-    fn point(&self, p: DVec3) -> DVec3 {
-        self.turn(p) * self.per_metre
-    }
-}
-
-/// The camera in the frame of the scene.
-struct View {
-    eye: DVec3,
-    right: DVec3,
-    down: DVec3,
-    forward: DVec3,
-    focal: f64,
-    width: f64,
-    height: f64,
 }
 
 impl View {
@@ -271,3 +245,4 @@ fn add_sun(lit: &Lit<'_>, from: DVec3, image: &mut Image<Linear>) {
 
 #[cfg(test)]
 mod tests;
+mod view;

@@ -399,7 +399,7 @@ impl Tile {
     }
 
     /// Adds the pixels of a row that starts at q to the sums of a row that starts at p. The weights are computed
-    /// from `rows`, the distances in the rows of the patches.
+    /// from `rows`: for each row of the two patches, the sum of the distances between their pixels.
     #[inline(always)]
     fn add<S: Simd>(
         &self,

@@ -52,7 +52,7 @@ pub(super) struct Sun {
     pub error_stops: f64,
     /// Radiance of clipped sky without the sun, relative to its displayed value.
     pub glow: f64,
-    /// Fraction by which the sun lowers the cost of the best explanation without a sun.
+    /// Relative reduction of the cost by adding the sun, compared with the best fit without a sun.
     pub gain: f64,
     /// Gain of the best direction that is more than [`RIVAL_DEG`] away from `direction`.
     pub rival: f64,

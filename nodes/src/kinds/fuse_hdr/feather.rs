@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 
 use engine::{Context, NodeError};
 
-use super::Fused;
+use super::fused::Fused;
 use super::ledger::{Lights, luminance_of};
 use crate::light::linear::LinearPixels;
 use crate::math::equirect::pixel_solid_angle;

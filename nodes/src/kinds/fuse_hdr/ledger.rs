@@ -3,7 +3,8 @@
 use engine::{Notes, Up};
 use glam::DVec3;
 
-use super::{Fused, Gain};
+use super::fused::Fused;
+use super::gain::Gain;
 use crate::light::energy::Energy;
 use crate::light::linear::{LinearPixels, max3};
 use crate::light::{measure, regions};

@@ -12,11 +12,15 @@ use crate::math::num;
 use crate::types::{Brackets, Environment, Image, Images, Linear, Panorama, Picture, Report, Taken};
 
 mod feather;
+mod fused;
+mod gain;
 mod ledger;
 mod sky;
 
 use self::ledger::Lights;
 use self::sky::Balance;
+use fused::Fused;
+pub use gain::Gain;
 
 engine::choices! {
     /// Transition from the light of the panorama to the predicted light.
@@ -26,17 +30,6 @@ engine::choices! {
         Ramp,
         /// Immediate where luminance exceeds the threshold, as in the paper's equation.
         Hard,
-    }
-}
-
-engine::choices! {
-    /// The form of the prediction that is fused.
-    pub enum Gain {
-        /// The gain map in floats; it has no upper limit.
-        Direct,
-        /// The list of exposures, as in the paper. The recovered light is limited by the white level of the darkest
-        /// exposure.
-        Brackets,
     }
 }
 
@@ -94,7 +87,7 @@ engine::inputs! {
 engine::outputs! {
     /// Outputs of `fuse-hdr`.
     pub struct Out {
-        /// Linear light from every direction, at the point of the panorama.
+        /// Linear light from every direction, at the point where the panorama was captured.
         env: Arc<Environment>,
         /// Each recovered light, and the energy before and after fusion.
         report: Arc<Report>,
@@ -106,17 +99,6 @@ engine::outputs! {
 /// Minimum linear value at which a derived exposure counts as white, with a margin for the rounding of the transfer
 /// curve.
 const WHITE: f32 = 0.999;
-
-/// Luminance of one pixel after fusion, and its source.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Fused {
-    /// Absolute luminance E'_N of the paper.
-    luminance: f64,
-    /// Index of the exposure that contributed most. The index of the base is the number of exposures.
-    source: usize,
-    /// True if the darkest exposure is white here, so that the light is a lower bound.
-    saturated: bool,
-}
 
 impl Kind for FuseHdr {
     const NAME: &'static str = "fuse-hdr";

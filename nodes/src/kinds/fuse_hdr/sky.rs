@@ -10,7 +10,7 @@ use std::f64::consts::PI;
 
 use engine::{Notes, Up};
 
-use super::Fused;
+use super::fused::Fused;
 use super::ledger::{Lights, luminance_of};
 use crate::light::linear::LinearPixels;
 use crate::math::color::luminance;

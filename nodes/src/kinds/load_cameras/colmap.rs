@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::distortion::{Bend, Coefficients};
-use super::{Raw, from_colmap};
+use super::raw::{Raw, from_colmap};
 use crate::error::Error;
 use crate::io::foreign::{BYTE_ORDER_MARK, refuse_foreign};
 

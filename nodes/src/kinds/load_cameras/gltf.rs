@@ -3,7 +3,7 @@
 use engine::{Context, Notes};
 use glam::{DMat3, DMat4, DVec3};
 
-use super::Raw;
+use super::raw::Raw;
 use crate::error::Error;
 use crate::io::gltf::{self, object::local};
 use crate::math::num;

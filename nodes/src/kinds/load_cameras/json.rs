@@ -5,8 +5,8 @@ use engine::Notes;
 use glam::{DMat4, DVec4};
 use serde_json::Value;
 
-use super::Raw;
 use super::distortion::{Bend, Coefficients};
+use super::raw::Raw;
 use crate::error::Error;
 use crate::io::foreign::{json_text, refuse_foreign};
 use crate::math::num;

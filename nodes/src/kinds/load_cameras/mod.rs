@@ -5,6 +5,7 @@ mod dataparser;
 mod distortion;
 mod gltf;
 mod json;
+mod raw;
 #[cfg(test)]
 mod tests;
 
@@ -16,7 +17,7 @@ use engine::{
     Context, ContextField, InputFile, Keep, Kind, NodeError, Notes, Scene, SourceFile, SourceRoot, Up,
     ViewCount,
 };
-use glam::{DMat3, DMat4, DVec3};
+use glam::{DMat3, DMat4};
 
 use crate::error::Error;
 use crate::io::picture;
@@ -27,6 +28,7 @@ use dataparser::Dataparser;
 use distortion::{Bend, INVISIBLE_PX};
 
 pub use crate::types::pick::Pick;
+use raw::Raw;
 
 engine::choices! {
     /// Treatment of lens distortion, which a pinhole camera cannot represent.
@@ -90,21 +92,6 @@ engine::outputs! {
         /// The cameras in the order of the file, or in the order of `pick`.
         rig: Arc<Rig>,
     }
-}
-
-/// A camera as stored in a file.
-#[derive(Debug, Clone)]
-struct Raw {
-    /// Name of the camera's picture, possibly with folder and extension.
-    picture: String,
-    width: u64,
-    height: u64,
-    /// Focal lengths fx and fy, and principal point cx and cy, in pixels.
-    lens: [f64; 4],
-    /// Lens distortion, if the camera has any.
-    distortion: Option<Bend>,
-    /// Pose of the camera, whose x axis points right, y down and z forward.
-    world_from_camera: DMat4,
 }
 
 /// Maximum number of cameras in a file.
@@ -449,23 +436,4 @@ fn orthonormal(mut m: DMat3) -> Option<DMat3> {
         m = (m * 3.0 - m * (m.transpose() * m)) * 0.5;
     }
     Some(m)
-}
-
-/// Camera pose, from COLMAP's rotation (a quaternion) and translation, which map from world to camera. `None` if
-/// the quaternion has no direction.
-fn from_colmap(q: [f64; 4], t: [f64; 3]) -> Option<DMat4> {
-    let [w, x, y, z] = q;
-    let length = (w * w + x * x + y * y + z * z).sqrt();
-    if !(length > 0.0 && length.is_finite()) {
-        return None;
-    }
-    let world_from_camera =
-        DMat3::from_quat(glam::DQuat::from_xyzw(x / length, y / length, z / length, w / length)).transpose();
-    let eye = -(world_from_camera * DVec3::from_array(t));
-    Some(DMat4::from_cols(
-        world_from_camera.x_axis.extend(0.0),
-        world_from_camera.y_axis.extend(0.0),
-        world_from_camera.z_axis.extend(0.0),
-        eye.extend(1.0),
-    ))
 }

@@ -19,6 +19,7 @@ use crate::math::color::linear_from_srgb;
 use crate::types::frame::{Similarity, world_from_gltf};
 use crate::types::{Mesh, Primitive};
 use of_ply::from_ply;
+use raw::{RawMesh, WHITE};
 
 engine::choices! {
     /// Encoding of vertex colours.
@@ -72,21 +73,6 @@ engine::outputs! {
         /// The mesh in world units.
         mesh: Arc<Mesh>,
     }
-}
-
-/// A mesh as stored in a file, with colours that are not yet linear and faces that are not yet checked.
-#[derive(Default)]
-struct RawMesh {
-    positions: Vec<[f64; 3]>,
-    /// True if the file stores positions as f64.
-    finer: bool,
-    colours: Vec<[f64; 3]>,
-    /// Linear factors of the colours (`baseColorFactor` of glTF), one per vertex; empty if all are white.
-    tints: Vec<[f64; 3]>,
-    triangles: Vec<[u32; 3]>,
-    fanned: u64,
-    /// True if the file was written by trimesh, which stores display colours even in glTF.
-    by_trimesh: bool,
 }
 
 impl Kind for LoadMesh {
@@ -218,8 +204,6 @@ fn from_gltf(p: &LoadMesh, bytes: &[u8], cx: &Context, notes: &mut Notes) -> Res
     Ok(raw)
 }
 
-const WHITE: [f64; 3] = [1.0; 3];
-
 /// Drops parts that cannot be traced, and makes colours linear.
 fn clean(name: &str, raw: RawMesh, srgb: bool, cx: &Context, notes: &mut Notes) -> Result<Mesh, NodeError> {
     let n = raw.positions.len();
@@ -313,5 +297,6 @@ fn area_is_zero([a, b, c]: [DVec3; 3]) -> bool {
     (b - a).cross(c - a) == DVec3::ZERO
 }
 
+mod raw;
 #[cfg(test)]
 mod tests;

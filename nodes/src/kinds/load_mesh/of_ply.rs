@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use engine::{Context, NodeError, Notes};
 
-use super::{RawMesh, WHITE};
+use super::raw::{RawMesh, WHITE};
 use crate::error::Error;
 use crate::io::colour_range::Range;
 use crate::io::ply;

@@ -4,8 +4,9 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
+use super::decided::Decided;
+use super::interface::{In, Out};
 use super::lobes;
-use super::{Decided, In, Out};
 use crate::render::transport::path::rays::Rays;
 use crate::render::transport::picture::accumulator::FinishedView;
 use crate::render::transport::picture::accumulator::ReachedError;

@@ -3,7 +3,7 @@
 use engine::Notes;
 use glam::Vec3;
 
-use super::PathTrace;
+use super::interface::PathTrace;
 use super::scale::{short, why_not_seen};
 use super::unseen::Unseen;
 use crate::geometry::bvh::Ray;

@@ -3,13 +3,14 @@
 use engine::{Context, NodeError, Notes};
 
 use super::ceiling::ceiling;
+use super::clip::{clip_mask, clipped_light};
+use super::clipped::{Clipped, RegionLight};
 use super::enlarged::Enlarged;
+use super::interface::PredictExposure;
 use super::method::Method;
 use super::photographs::Photographs;
-use super::{
-    Clipped, PredictExposure, RegionLight, clip_mask, clipped_light, manual, network, region, report_coarse,
-    report_nothing_clipped, report_unseen, sun,
-};
+use super::reporting::{report_coarse, report_nothing_clipped, report_unseen};
+use super::{manual, network, region, sun};
 use crate::light::energy_table::EnergyTable;
 use crate::light::linear::LinearPixels;
 use crate::types::{Panorama, Picture};

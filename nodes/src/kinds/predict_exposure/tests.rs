@@ -5,11 +5,17 @@ mod diffusion;
 mod pixels;
 mod suns;
 
+use super::clip::clip_mask;
+use super::clipped::Clipped;
+use super::grid::Grid;
 use super::*;
+use crate::light::linear::{LinearPixels, Transfer, linear_pixels};
 use crate::math::equirect::pixel_solid_angle;
 use crate::testing::context as cx;
 use crate::testing::row;
 use crate::types::Srgb;
+use crate::types::{Panorama, Picture};
+use engine::InputFile;
 use engine::{Kind, Scene, Up};
 
 fn pano(width: usize, colour: impl Fn(usize, usize) -> [f32; 3]) -> Arc<Panorama> {

@@ -3,11 +3,12 @@
 use engine::{Context, NodeError, Notes};
 use glam::{DVec3, Vec3};
 
-use super::STEEPEST;
 use crate::geometry::bvh::{Bvh, Ray};
 use crate::geometry::support::{Foot, median};
 use crate::types::Mesh;
 
+/// Minimum cosine of the angle between the normal of the ground and up.
+pub(super) const STEEPEST: f64 = 0.7;
 /// Number of columns and of rows of the grid of rays.
 pub(super) const GRID: u32 = 24;
 /// Maximum thickness of a shell of ground, in metres. Rooms are higher: if the normals of a room point outwards,

@@ -69,8 +69,6 @@ const NEAR: f64 = 0.02;
 /// Distance within which the nearest ground is searched for, in metres, to name it in an error message. It is the
 /// largest value of `reach_metres`.
 const FAR: f64 = 100.0;
-/// Minimum cosine of the angle between the normal of the ground and up.
-const STEEPEST: f64 = 0.7;
 
 impl Kind for Snap {
     const NAME: &'static str = "snap";

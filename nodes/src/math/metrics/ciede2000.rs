@@ -2,7 +2,7 @@
 
 use engine::{Context, NodeError};
 
-use super::Plane;
+use super::plane::Plane;
 use crate::math::num;
 
 /// The CIEDE2000 difference of every pixel of two sRGB-encoded pictures (0 to 1, three channels). A difference of

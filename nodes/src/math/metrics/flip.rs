@@ -3,7 +3,7 @@
 
 use engine::{Context, NodeError};
 
-use super::Plane;
+use super::plane::Plane;
 use crate::math::num;
 
 /// Default resolution in pixels per degree of visual angle: a display that is 3840 pixels and 0.7 m wide, seen from

@@ -2,7 +2,7 @@
 
 use engine::{Context, NodeError};
 
-use super::Plane;
+use super::plane::Plane;
 use crate::error::Error;
 use crate::math::nn::{Conv, Tensor, Weights, max_pool, relu};
 

@@ -5,26 +5,16 @@
 mod ciede2000;
 mod flip;
 mod lpips;
+mod plane;
 mod ssim;
 
 pub use ciede2000::ciede2000_map;
 pub use flip::{Exposures, PIXELS_PER_DEGREE, Sight, hdr_flip_map};
 pub use lpips::Lpips;
+pub use plane::Plane;
 pub use ssim::{SSIM_RADIUS, ssim_map};
 
 use crate::math::num;
-
-/// Samples of a picture to compare: interleaved channels, row by row.
-pub struct Plane {
-    /// Width, in pixels.
-    pub width: usize,
-    /// Height, in pixels.
-    pub height: usize,
-    /// Number of samples per pixel.
-    pub channels: usize,
-    /// The samples, row by row.
-    pub samples: Vec<f64>,
-}
 
 /// Errors over the compared pixels of two pictures.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]

@@ -2,7 +2,7 @@
 
 use engine::{Context, NodeError};
 
-use super::Tensor;
+use super::tensor::Tensor;
 
 /// A convolution with zeros beyond the border.
 #[derive(Debug, Clone)]

@@ -3,7 +3,7 @@
 use half::{bf16, f16};
 use safetensors::{Dtype, SafeTensors};
 
-use super::Conv;
+use super::conv::Conv;
 use crate::error::Error;
 
 /// The tensors of one file.

@@ -9,8 +9,7 @@ use super::camera_model;
 use super::camera_model::TileRange;
 use super::listed::{Listed, clip};
 use super::project::{Entry, Footprint, Projected};
-use super::settings::{LIST_BYTES, TILE};
-use super::{Bounds, Settings};
+use super::settings::{Bounds, LIST_BYTES, Settings, TILE};
 
 /// A rectangle of tiles whose lists are in memory at the same time.
 #[derive(Debug, Clone, PartialEq, Eq)]

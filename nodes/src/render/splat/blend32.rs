@@ -6,9 +6,8 @@ use fearless_simd::{Level, dispatch, f32x8, f32x16, mask32x8, prelude::*, u32x8}
 
 use super::peak::{COUNTS_DOWN_TO, HELD_COUNTS, Peak, SHEET};
 use super::project::Footprint;
-use super::settings::TILE;
+use super::settings::{DepthMode, Sort, TILE};
 use super::tile::{Blended, Pixel, Task};
-use super::{DepthMode, Sort};
 use crate::math::num;
 
 const LANES: usize = 8;

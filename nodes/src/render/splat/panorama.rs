@@ -14,8 +14,12 @@ use engine::{Context, NodeError, Up};
 use fearless_simd::Level;
 use glam::DVec3;
 
+use super::block::Blocks;
 use super::camera_model::{Pinhole, Sphere};
-use super::{Blocks, Clock, Limit, Rendered, Settings, Sort, Surface, Work, draw};
+use super::draw::{Clock, Limit, Rendered, draw};
+use super::settings::{Settings, Sort};
+use super::surface::Surface;
+use super::work::Work;
 use crate::math::{equirect, num};
 use crate::types::{Camera, Data, Image, Splats};
 

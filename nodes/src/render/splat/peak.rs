@@ -58,6 +58,9 @@ pub(super) struct Peak {
     pub most: f64,
 }
 
+/// Memory for the peak of a splat and its distance from a limiting surface, in bytes.
+pub(crate) const PEAK_BYTES: u64 = (size_of::<Peak>() + size_of::<f32>()) as u64;
+
 impl Peak {
     /// Placeholder for buffers that are filled later.
     pub(super) const NONE: Self =

@@ -3,6 +3,8 @@ use glam::{DMat3, DMat4, DVec3};
 use super::*;
 use crate::math::num;
 use crate::testing::{context, levels};
+use crate::types::{Data, Image};
+use engine::Notes;
 
 mod blocks;
 mod extremes;

@@ -5,8 +5,7 @@ use std::sync::{Mutex, PoisonError};
 use engine::Context;
 
 use super::project::Projected;
-use super::settings::TILE;
-use super::{DepthMode, Settings};
+use super::settings::{DepthMode, Settings, TILE};
 use crate::types::{Data, Image};
 
 /// The rows of a picture that one row of tiles covers. Each tile writes its pixels to the strip when it is finished.

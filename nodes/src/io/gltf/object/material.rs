@@ -16,7 +16,7 @@ use crate::types::{
 pub struct Materials<'a> {
     name: &'a str,
     json: &'a Value,
-    /// Indices of images in use, in the order of [`TextureRef::texture`].
+    /// Indices of the images in use. [`TextureRef::texture`] is an index into this list.
     pub images: Vec<usize>,
     clamped: u64,
     ignored: BTreeSet<String>,

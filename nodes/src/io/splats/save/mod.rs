@@ -2,6 +2,7 @@
 //!
 //! Data that a format cannot store is reported in notes, with counts.
 
+mod chunks;
 mod ply;
 mod spz;
 #[cfg(test)]
@@ -13,6 +14,7 @@ use glam::DVec3;
 
 use crate::io::splats::{Row, Turn, from_y_up};
 use crate::types::{SplatEncoding, Splats};
+use chunks::chunks;
 
 /// A format to write.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -73,18 +75,6 @@ pub fn encode(
         }
     };
     Ok((bytes, notes))
-}
-
-/// Number of splats per job.
-const CHUNK: usize = 16_384;
-
-/// Runs `f` over ranges of splats in parallel and joins the results.
-fn chunks<T: Send>(
-    count: usize,
-    cx: &Context,
-    f: impl Fn(std::ops::Range<usize>) -> T + Send + Sync,
-) -> Result<Vec<T>, NodeError> {
-    cx.for_each_tile(count.div_ceil(CHUNK), |chunk| f(chunk * CHUNK..((chunk + 1) * CHUNK).min(count)))
 }
 
 /// Returns all splats, transformed by `turn`.

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use engine::{Context, NodeError, Notes};
 
-use super::chunks;
+use super::chunks::chunks;
 use crate::io::splats::sh_rest;
 use crate::math::num;
 use crate::types::Splats;

@@ -7,7 +7,7 @@ use std::io::Write;
 use engine::{Context, NodeError, Notes};
 use ruzstd::encoding::{CompressionLevel, compress_to_vec};
 
-use super::chunks;
+use super::chunks::chunks;
 use crate::io::splats::{SH_C0, SPZ_COLOUR_SCALE, sh_rest, spz_rotation, unit};
 use crate::math::num;
 use crate::types::Splats;

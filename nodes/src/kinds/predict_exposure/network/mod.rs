@@ -7,8 +7,9 @@ mod scene;
 
 use engine::{Context, NodeError};
 
+use super::clipped::{Clipped, RegionLight};
 use super::spread::Spread;
-use super::{Clipped, RegionLight, sun};
+use super::sun;
 use crate::error::Error;
 use crate::light::energy_table::EnergyTable;
 use crate::light::measure::luminance;

@@ -2,7 +2,8 @@
 
 use engine::{Context, InputFile, NodeError, Notes};
 
-use super::SEEN;
+use super::clip::SEEN;
+use super::exposures::exposed;
 use crate::error::Error;
 use crate::io::picture::{FileEncoding, decode};
 use crate::io::progress::Progress;
@@ -265,7 +266,7 @@ impl Photographs {
                 Some(shown) => shown.rgb.map(srgb_from_linear),
                 None => {
                     let white = if photograph.linear { f32::MAX } else { 1.0 };
-                    super::exposed(pixels.rgb[at], log2_gain[at], photograph.ev, white)
+                    exposed(pixels.rgb[at], log2_gain[at], photograph.ev, white)
                 }
             };
             let samples = (0..pixels.rgb.len()).flat_map(codes).collect();

@@ -5,13 +5,21 @@ use learned::exposure::{Examples, Scale};
 
 use super::super::network::{AMOUNT, CELL, LIMITS, OVERVIEW};
 use super::amount::{Amount, Sample};
+use super::plan::{Plan, Progress};
 use super::procedural;
 use super::truth::{Example, Shot, Truth};
-use super::{Plan, Progress, place};
 use crate::error::Error;
 use crate::geometry::sampling::{hash, unit};
 use crate::math::num;
 use crate::types::{Image, Linear};
+
+/// Name of the location that a panorama shows. Files whose names differ only in a number at the end, or in
+/// `_puresky`, show the same location.
+pub fn place(name: &str) -> &str {
+    let name = name.strip_suffix("_puresky").unwrap_or(name);
+    let stem = name.trim_end_matches(|c: char| c.is_ascii_digit());
+    if stem.len() < name.len() { stem.trim_end_matches('_') } else { name }
+}
 
 /// Number of photographs per panorama; the first is unmodified, at EV 0.
 const SHOTS: u32 = 8;

@@ -7,7 +7,7 @@ use std::f64::consts::{PI, TAU};
 use engine::Up;
 use glam::{DVec2, DVec3};
 
-use super::WIDTH;
+use super::truth::WIDTH;
 use crate::geometry::sampling::{hash, unit};
 use crate::math::equirect::{direction, pixel_solid_angle};
 use crate::math::num;

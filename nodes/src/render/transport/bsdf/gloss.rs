@@ -5,8 +5,9 @@ use glam::Vec3;
 use super::albedo::{self, Facets};
 use super::dielectric;
 use super::ggx::{Ggx, schlick};
+use super::lobe::Scatter;
+use super::params::BsdfParams;
 use super::thin_film;
-use super::{BsdfParams, Scatter};
 
 /// Dielectric interface of a surface. The default has a strength of 0 and reflects nothing.
 #[derive(Debug, Clone, Copy, Default)]

@@ -4,9 +4,12 @@ use std::f32::consts::FRAC_1_PI;
 
 use glam::Vec3;
 
+use super::frame::{Frame, cosine};
 use super::glass::Glass;
 use super::gloss::{Gloss, Interface};
-use super::{BsdfParams, Frame, Lobe, Scatter, albedo, cosine, glass, sheen};
+use super::lobe::{Lobe, Scatter};
+use super::params::BsdfParams;
+use super::{albedo, glass, sheen};
 use crate::math::color::luminance;
 
 /// Index of the matte lobe. A random number chooses among the lobes in the order of their indices.

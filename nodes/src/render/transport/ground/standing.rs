@@ -33,7 +33,7 @@ pub(crate) struct Standing {
     pub(crate) embedded: Vec<Option<Embedded>>,
 }
 
-/// Finds the supports of the objects and stores them in `objects`. `eye` is the position of a camera in the place.
+/// Finds the supports of the objects and stores them in `objects`. `eye` is the position of a camera in the scene.
 /// `contact_metres` is the error of the mesh, if known.
 pub(crate) fn find_ground(
     objects: &mut Objects,

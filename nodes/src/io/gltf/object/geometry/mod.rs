@@ -1,6 +1,7 @@
 //! Shapes of a glTF file: the scene's nodes, their transforms, morph weights and skins, and primitives.
 
 mod deform;
+mod matrix;
 mod shading_frame;
 mod tally;
 mod transform;
@@ -13,9 +14,9 @@ use gltf::{Accessor, Node, Semantic};
 use crate::error::Error;
 use crate::io::gltf::{File, Numbers};
 use crate::types::{Material, Primitive};
+pub(crate) use matrix::local;
+use matrix::{inverse_transpose, turned};
 use tally::Tally;
-pub(crate) use transform::local;
-use transform::{inverse_transpose, turned};
 
 /// Maximum number of vertices of an object. Without this limit, a small file that repeats a mesh could exhaust the
 /// memory.
