@@ -57,7 +57,8 @@ fn is_utf16(bytes: &[u8]) -> bool {
     first.len() > 1 && first.iter().all(plain)
 }
 
-/// Rejects placeholders that other programs leave in place of a file, and text in UTF-16. The error suggests a remedy.
+/// Rejects placeholders that other programs leave in place of a file. The error suggests a remedy. Unlike
+/// [`refuse_foreign`], this is suited for files that may begin with any bytes, such as buffers of numbers.
 ///
 /// # Errors
 /// [`Error::Unsupported`], which describes the content of the file.
@@ -70,8 +71,6 @@ pub fn refuse_placeholder(file: &str, bytes: &[u8]) -> Result<(), Error> {
         "a Git LFS pointer, not the file itself; fetch it with `git lfs pull`"
     } else if starts(b"<!doctype html") || starts(b"<html") {
         "a web page, not the file itself; download the file again"
-    } else if is_utf16(bytes) {
-        "text in UTF-16; save it as UTF-8"
     } else {
         return Ok(());
     };
@@ -104,7 +103,9 @@ fn iso_media(brand: &[u8], compatible: &[u8]) -> &'static str {
 pub fn refuse_foreign(file: &str, bytes: &[u8]) -> Result<(), Error> {
     refuse_placeholder(file, bytes)?;
     let starts = |magic: &[u8]| bytes.starts_with(magic);
-    let what = if let Some(brand) = bytes.get(4..12).and_then(|head| head.strip_prefix(b"ftyp")) {
+    let what = if is_utf16(bytes) {
+        "text in UTF-16; save it as UTF-8"
+    } else if let Some(brand) = bytes.get(4..12).and_then(|head| head.strip_prefix(b"ftyp")) {
         // The box holds its length, its type, the brand, a version and the other brands.
         let length = bytes.first_chunk().map_or(0, |length| u32::from_be_bytes(*length) as usize);
         iso_media(brand, bytes.get(16..length.min(bytes.len())).unwrap_or_default())

@@ -202,7 +202,7 @@ fn texture_options_of_obj_move_the_texture() {
         largest: 255,
         codes: vec![9],
         ignored: Vec::new(),
-        linear: false,
+        colour: None,
     };
     let png = crate::io::png::write(&raster, false, &[]).unwrap_or_else(|e| panic!("{e}"));
     let mtl = b"newmtl red\nmap_Kd -s 2 4 1 -o 0.5 0.25 0 t.png\n";

@@ -260,7 +260,7 @@ fn pictured(bytes: &[u8], material: Value) -> Value {
 
 fn png_of(codes: Vec<u16>) -> Vec<u8> {
     let raster =
-        Raster { width: 1, height: 1, channels: 4, largest: 255, codes, ignored: vec![], linear: false };
+        Raster { width: 1, height: 1, channels: 4, largest: 255, codes, ignored: vec![], colour: None };
     crate::io::png::write(&raster, false, &[]).unwrap_or_else(|e| panic!("{e}"))
 }
 
@@ -296,7 +296,7 @@ fn profiles_of_textures_are_reported() {
     let decoded = |ignored: &[&str]| {
         let ignored = ignored.iter().map(|&text| text.to_owned()).collect();
         Decoded::of(
-            Raster { width: 1, height: 1, channels: 1, largest: 255, codes: vec![7], ignored, linear: false },
+            Raster { width: 1, height: 1, channels: 1, largest: 255, codes: vec![7], ignored, colour: None },
             None,
         )
     };
