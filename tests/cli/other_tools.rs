@@ -121,14 +121,14 @@ fn a_mesh_of_another_frame_is_reported() {
     }
     // So does a run after `show` has computed all results.
     let other = |text: String| {
-        receiver(text).replace("Some((0.01, 0.0", "Some((0.02, 0.0").replace(", 0.01, 0.0", ", 0.02, 0.0")
+        receiver(text).replace("Some((0.01, 0.0", "Some((0.1, 0.0").replace(", 0.01, 0.0", ", 0.1, 0.0")
     };
     let smaller = other(insert.replace("\n        view:", load));
     place.write(&smaller);
     let shown = place.call(&["show", "graph.ron", "final", "-o", "shown.png"]);
     assert!(shown.status.success(), "{shown:?}");
     let after = reports(&place);
-    assert!(after.len() == 1 && after[0].contains("with the mesh scaled by 50.0"), "{after:?}");
+    assert!(after.len() == 1 && after[0].contains("with the mesh scaled by 10.0"), "{after:?}");
     // The loader has a matrix already, which the new one includes.
     assert!(found[0].ends_with("set `matrix: Some((1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0))` on `small`"), "{found:?}");
 }

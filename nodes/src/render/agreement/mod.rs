@@ -71,7 +71,7 @@ const PART_DISAGREES: f64 = 0.5;
 const SHIFTED: f64 = 0.1;
 /// Like [`SHIFTED`], as a share of the median distance of the splats from their middle, for a transform that is found
 /// by the surfaces.
-const SHIFTED_SURFACES: f64 = 0.05;
+const SHIFTED_SURFACES: f64 = 0.03;
 /// A transform with at least this relative change of scale is large enough to be reported.
 const SCALED: f64 = 0.06;
 /// A transform with at least this angle of rotation, in degrees, is large enough to be reported.
