@@ -186,8 +186,6 @@ impl LoadSplats {
     }
 }
 
-/// Number of splats that are used to find the up direction of the scene.
-const LEVELLED: usize = 1 << 16;
 /// Largest angle in degrees between two up directions that count as the same. A reliable estimate is within 5
 /// degrees.
 const SAME_UP_DEG: f64 = 8.0;
@@ -195,21 +193,7 @@ const SAME_UP_DEG: f64 = 8.0;
 /// Text of a warning that the floor of the scene points to an up axis other than the up axis of the graph. `None`
 /// if they agree, or if the floor is not found with certainty. `matrix` is the parameter of the loader.
 fn other_up(splats: &Splats, matrix: Option<&[f64; 16]>, cx: &Context) -> Result<Option<String>, NodeError> {
-    let step = splats.len().div_ceil(LEVELLED).max(1);
-    let few = || (0..splats.len()).step_by(step);
-    let width = splats.sh_len();
-    let sample = Splats {
-        means: few().map(|i| splats.means[i]).collect(),
-        means_low: few().filter_map(|i| splats.means_low.get(i).copied()).collect(),
-        quats: few().map(|i| splats.quats[i]).collect(),
-        scales: few().map(|i| splats.scales[i]).collect(),
-        opacities: few().map(|i| splats.opacities[i]).collect(),
-        sh_degree: 0,
-        sh: few().filter_map(|i| splats.sh.get(i * width).copied()).collect(),
-        encoding: splats.encoding,
-        antialiased: splats.antialiased,
-    };
-    let Some(found) = level::of_splats(&sample, None).filter(LevelEstimate::is_sure) else { return Ok(None) };
+    let Some(found) = level::of_sample(splats).filter(LevelEstimate::is_sure) else { return Ok(None) };
     let turn = found.turn_to(equirect::axes(cx.up())[2]);
     let turn = Similarity { rotation: turn, ..Similarity::IDENTITY };
     let upright = turn.after(&Similarity::of_parameter(matrix)?);

@@ -71,6 +71,12 @@ impl Cloud {
                 points.push((point, normal));
             }
         }
+        let spacing = (area / points.len().max(1) as f64).sqrt();
+        Some(Self { spacing, ..Self::of_points(points)? })
+    }
+
+    /// Sorts points with their normals. The spacing is 0. Returns `None` if there are no points.
+    pub fn of_points(mut points: Vec<(DVec3, DVec3)>) -> Option<Self> {
         if points.is_empty() {
             return None;
         }
@@ -80,7 +86,7 @@ impl Cloud {
         let mut planes = vec![(0, 0.0); points.len()];
         let bounds = bounds(&points);
         divide(&mut points, &mut planes);
-        Some(Self { spacing: (area / points.len() as f64).sqrt(), points, planes, bounds, middle, radius })
+        Some(Self { spacing: 0.0, points, planes, bounds, middle, radius })
     }
 
     /// Lower and upper corner of a box that contains nearly all points. About one point in 2000 lies beyond each
