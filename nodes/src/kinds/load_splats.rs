@@ -270,13 +270,13 @@ mod tests {
             put([x, y + 0.5, 3.0], [0.05, 0.05, 0.002]);
             put([3.0, y + 0.5, x], [0.002, 0.05, 0.05]);
         }
-        let of = |up: engine::Up| {
+        let of = |up: Up| {
             let block = engine::Scene { up, metres_per_unit: 1.0, seed: 0, exhaustive: false };
             other_up(&scene, None, &Context::detached(block, ".")).unwrap_or_else(|e| panic!("{e}"))
         };
         let sure = level::of_splats(&scene, None).is_some_and(|found| found.is_sure());
-        assert_eq!(of(engine::Up::MinusY), None);
-        assert_eq!(of(engine::Up::PlusZ).is_some_and(|text| text.contains("is -y, but")), sure);
+        assert_eq!(of(Up::MinusY), None);
+        assert_eq!(of(Up::PlusZ).is_some_and(|text| text.contains("is -y, but")), sure);
     }
 
     /// Any difference above 8 degrees is reported, and the remedy is one that the graph accepts: `up` has only three
@@ -328,7 +328,7 @@ mod tests {
         // This row is dropped.
         scene.means[7] = [f32::NAN; 3];
         let folder = tempfile::tempdir().unwrap_or_else(|e| panic!("{e}"));
-        let block = engine::Scene { up: engine::Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false };
+        let block = engine::Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false };
         let cx = Context::detached(block, folder.path().display().to_string());
         let bytes = encode(&scene, SaveFormat::Ply, None, &cx).unwrap_or_else(|e| panic!("{e}")).0;
         for name in ["a.ply", "b.ply"] {
@@ -374,8 +374,7 @@ mod tests {
         }
         let folder = tempfile::tempdir().unwrap_or_else(|e| panic!("{e}"));
         let root = folder.path().display().to_string();
-        let scene_block =
-            engine::Scene { up: engine::Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false };
+        let scene_block = engine::Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false };
         let cx = Context::detached(scene_block, &root);
         let bytes = encode(&scene, SaveFormat::Ply, None, &cx).unwrap_or_else(|e| panic!("{e}")).0;
         std::fs::write(folder.path().join("a.ply"), bytes).unwrap_or_else(|e| panic!("{e}"));

@@ -169,11 +169,14 @@ fn change(by: &Similarity, what: &str, best: &Moved) -> String {
     format!("with the {what} {}", parts.join(" and "))
 }
 
-/// The matrix of a transform in the notation of graph files.
+/// The matrix of a transform in the notation of graph files. Elements below the accuracy of the search are 0.
 fn rows(by: &Similarity) -> String {
-    let smallest = 1e-9 * by.scale.max(by.offset.length());
-    let one = |value: &f64| if value.abs() < smallest { "0.0".to_owned() } else { digits(*value, 6) };
-    format!("Some(({}))", by.rows().iter().map(one).collect::<Vec<_>>().join(", "))
+    let one = |(i, value): (usize, &f64)| {
+        let size = if i % 4 == 3 { by.offset.length() } else { by.scale };
+        if value.abs() <= 1e-6 * size { "0.0".to_owned() } else { digits(*value, 6) }
+    };
+    let all: Vec<String> = by.rows()[..12].iter().enumerate().map(one).collect();
+    format!("Some(({}, 0.0, 0.0, 0.0, 1.0))", all.join(", "))
 }
 
 fn vector(v: DVec3) -> String {
@@ -223,5 +226,9 @@ mod tests {
         );
         let half = Similarity { scale: 0.5, ..Similarity::IDENTITY };
         assert!(rows(&half).starts_with("Some((0.5, 0.0, 0.0, 0.0, 0.0, 0.5,"), "{}", rows(&half));
+        // A far shift does not hide a small factor.
+        let far = Similarity { scale: 0.001, offset: DVec3::new(5e6, 1e-4, 0.0), ..Similarity::IDENTITY };
+        let wanted = "Some((0.001, 0.0, 0.0, 5000000.0, 0.0, 0.001, 0.0, 0.0, 0.0, 0.0, 0.001, 0.0, 0.0, 0.0, 0.0, 1.0))";
+        assert_eq!(rows(&far), wanted);
     }
 }
