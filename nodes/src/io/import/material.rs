@@ -64,7 +64,7 @@ pub(super) fn materials(
     for (library, list) in &parsed {
         for material in list {
             let texture = material.texture.as_ref().filter(|texture| {
-                let path = library.beside(&texture.path);
+                let path = library.sibling(&texture.path);
                 let found = beside(&path).is_ok();
                 if !found {
                     notes.degraded("texture-missing", format!("the texture `{path}` cannot be read"));
@@ -76,7 +76,7 @@ pub(super) fn materials(
                 notes.warning("material-invisible", what);
             }
             let texture = texture.map(|texture| {
-                let index = builder.texture(&library.beside(&texture.path));
+                let index = builder.texture(&library.sibling(&texture.path));
                 let ([u, v], [su, sv]) = (texture.offset, texture.scale);
                 // v runs downwards in glTF.
                 let moved = json!({"offset": [u, 1.0 - sv - v], "scale": [su, sv]});

@@ -58,7 +58,7 @@ pub(super) struct Library {
 
 impl Library {
     /// Path of a file that the library names, relative to the OBJ file.
-    pub fn beside(&self, path: &str) -> String {
+    pub fn sibling(&self, path: &str) -> String {
         self.path.rsplit_once('/').map_or_else(|| path.to_owned(), |(folder, _)| format!("{folder}/{path}"))
     }
 }
@@ -268,8 +268,8 @@ mod tests {
         assert_eq!(of("map_d d.png\nbump b.png\nmap_Ka a.png").1, ["bump", "map_d"]);
         assert_eq!(of("map_Kd").0, None);
         let library = |path: &str| Library { path: path.to_owned(), bytes: None };
-        assert_eq!(library("sub/a.mtl").beside("t.png"), "sub/t.png");
-        assert_eq!(library("a.mtl").beside("t.png"), "t.png");
+        assert_eq!(library("sub/a.mtl").sibling("t.png"), "sub/t.png");
+        assert_eq!(library("a.mtl").sibling("t.png"), "t.png");
     }
 
     #[test]

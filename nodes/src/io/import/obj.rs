@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, HashMap};
 
 use engine::{Context, NodeError, Notes};
 
-use super::glb::{Builder, Part};
+use super::glb::{Builder, GlbMesh};
 use super::material::materials;
 use super::mtl;
 use super::text::{Lines, word, words};
@@ -20,7 +20,7 @@ const NO_MATERIAL: [&str; 4] = ["", "None", "(null)", "none"];
 const ABSENT: u32 = u32::MAX;
 
 /// Names of the material files, followed by the names of the pictures to which they refer.
-pub(super) fn beside(bytes: &[u8], read: &mut dyn FnMut(&str) -> Option<Vec<u8>>) -> Vec<String> {
+pub(super) fn other_files(bytes: &[u8], read: &mut dyn FnMut(&str) -> Option<Vec<u8>>) -> Vec<String> {
     let mut files: Vec<String> = Vec::new();
     for library in mtl::libraries(bytes, read) {
         let Some(text) = &library.bytes else { continue };
@@ -28,7 +28,7 @@ pub(super) fn beside(bytes: &[u8], read: &mut dyn FnMut(&str) -> Option<Vec<u8>>
             files.push(library.path.clone());
         }
         for texture in mtl::parse(text).materials.into_iter().filter_map(|material| material.texture) {
-            let path = library.beside(&texture.path);
+            let path = library.sibling(&texture.path);
             if !files.contains(&path) && read(&path).is_some() {
                 files.push(path);
             }
@@ -225,8 +225,8 @@ impl Shapes {
     }
 
     /// A mesh of some corners. Corners with the same indices become one vertex.
-    fn part(&self, corners: &[[u32; 3]], material: Option<usize>) -> Part {
-        let mut part = Part { material, ..Part::default() };
+    fn part(&self, corners: &[[u32; 3]], material: Option<usize>) -> GlbMesh {
+        let mut part = GlbMesh { material, ..GlbMesh::default() };
         let has = |k: usize| corners.iter().any(|corner| corner[k] != ABSENT);
         let (has_uv, has_normals) = (has(1), has(2));
         let mut known: HashMap<[u32; 3], u32> = HashMap::new();
@@ -260,7 +260,7 @@ impl Shapes {
 pub(super) fn read(
     name: &str,
     bytes: &[u8],
-    beside: &dyn Fn(&str) -> Result<Vec<u8>, NodeError>,
+    read: &dyn Fn(&str) -> Result<Vec<u8>, NodeError>,
     builder: &mut Builder,
     cx: &Context,
     notes: &mut Notes,
@@ -271,7 +271,7 @@ pub(super) fn read(
     }
     let mut shapes = Shapes::read(name, bytes, cx)?;
     shapes.complete_colours();
-    let (by_name, complete) = materials(bytes, beside, builder, notes);
+    let (by_name, complete) = materials(bytes, read, builder, notes);
     let mut unknown = Vec::new();
     for (material, corners) in shapes.groups.iter().filter(|(_, corners)| !corners.is_empty()) {
         let found = by_name.get(material).copied();

@@ -5,7 +5,7 @@ use std::collections::HashMap;
 
 use engine::{Context, NodeError, Notes};
 
-use super::glb::{Builder, Part};
+use super::glb::{Builder, GlbMesh};
 use crate::error::Error;
 use crate::io::foreign::{BYTE_ORDER_MARK, refuse_foreign};
 use crate::io::mesh_format;
@@ -20,7 +20,7 @@ const START: usize = 1024;
 /// Collects triangles; vertices at the same position are merged.
 #[derive(Default)]
 struct Triangles {
-    part: Part,
+    part: GlbMesh,
     places: HashMap<[u32; 3], u32>,
 }
 

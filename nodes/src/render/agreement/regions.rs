@@ -109,7 +109,7 @@ fn summary(sights: &[Sight], parts: &[Component], depths: impl Fn(usize, usize) 
 }
 
 /// True for each pixel of each view that belongs to one of the parts.
-fn pixels(sights: &[Sight], parts: &[Part]) -> Vec<Vec<bool>> {
+fn pixels(sights: &[Sight], parts: &[Component]) -> Vec<Vec<bool>> {
     let mut marked: Vec<Vec<bool>> = sights.iter().map(|sight| vec![false; sight.depth.len()]).collect();
     for part in parts {
         part.pixels.iter().for_each(|&pixel| marked[part.sight][pixel] = true);
