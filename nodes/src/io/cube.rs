@@ -90,8 +90,8 @@ impl Table {
     fn position(&self, value: f32, channel: usize) -> f64 {
         let (low, high) = (self.low[channel], self.high[channel]);
         let part = (f64::from(value) - low) / (high - low);
-        // `max` first, so that NaN becomes 0.
-        part.max(0.0).min(1.0) * (self.size - 1) as f64
+        let part = if part.is_nan() { 0.0 } else { part.clamp(0.0, 1.0) };
+        part * (self.size - 1) as f64
     }
 
     /// Each channel through its own curve.

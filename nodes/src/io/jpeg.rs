@@ -60,7 +60,7 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Rast
         largest: 255,
         codes,
         ignored,
-        colour: meaning.profile.map(SourceColour::Icc),
+        colour: meaning.profile.map(|profile| SourceColour::Icc(Box::new(profile))),
     })
 }
 

@@ -70,7 +70,7 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Rast
         }
     } else if info.srgb.is_none() {
         if let Some(meaning) = profile(bytes) {
-            colour = meaning.profile.map(SourceColour::Icc);
+            colour = meaning.profile.map(|profile| SourceColour::Icc(Box::new(profile)));
             ignored.extend(meaning.ignored);
         }
         if let Some(gamma) = info.gama_chunk.map(|g| g.into_value())

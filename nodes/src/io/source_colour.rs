@@ -15,7 +15,7 @@ pub enum SourceColour {
     /// Linear light with the given matrix to linear Rec.709.
     Linear(Matrix),
     /// An ICC profile with a curve for each channel and a matrix.
-    Icc(icc::Profile),
+    Icc(Box<icc::Profile>),
 }
 
 impl SourceColour {

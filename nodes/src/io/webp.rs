@@ -32,7 +32,7 @@ pub fn read(file: &str, bytes: &[u8]) -> Result<Raster, Error> {
         largest: 255,
         codes: codes.into_iter().map(u16::from).collect(),
         ignored: Vec::from_iter(meaning.ignored),
-        colour: meaning.profile.map(SourceColour::Icc),
+        colour: meaning.profile.map(|profile| SourceColour::Icc(Box::new(profile))),
     })
 }
 

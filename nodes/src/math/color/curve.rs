@@ -260,7 +260,7 @@ pub(crate) mod tests {
                 let light = if i < 0 {
                     f64::from(i) * 1e-4
                 } else {
-                    1e-4 * f64::from(i) + 1e-9 * f64::from(i).powi(3)
+                    1e-4 * f64::from(i) + 1e-9 * f64::from(i) * f64::from(i) * f64::from(i)
                 };
                 let code = curve.encoded(light);
                 let back = curve.linear(code);

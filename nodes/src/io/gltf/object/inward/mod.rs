@@ -19,6 +19,9 @@ use glam::{DVec3, Vec3};
 use crate::geometry::bvh::Bvh;
 use crate::types::{Material, Primitive};
 
+/// A patch, and the shares of rays that leave from its front and from its back.
+type Shares = (u32, [f64; 2]);
+
 /// Score below which an open patch may look inwards.
 const DOUBTFUL: f64 = 0.1;
 /// Largest share of rays from the front, and smallest share of rays from the back, that leave the object from a patch
@@ -144,7 +147,7 @@ impl Faces {
 
     /// The shares of rays that leave from the front and the back of each doubtful patch, and whether all doubtful
     /// patches were tested.
-    fn tested(&self, size: f64, cx: &Context) -> Result<(Vec<(u32, [f64; 2])>, bool), NodeError> {
+    fn tested(&self, size: f64, cx: &Context) -> Result<(Vec<Shares>, bool), NodeError> {
         let patches = self.patches.iter().enumerate().filter(|(_, patch)| patch.is_doubtful());
         let doubtful: Vec<u32> = patches.map(|(number, _)| number as u32).collect();
         if doubtful.is_empty() {

@@ -134,7 +134,7 @@ fn parts_that_touch_are_turned_one_by_one() {
 #[test]
 fn damaged_shapes_are_turned() {
     let wrong = cube(1.0, [0.0; 3], true, 1.0, 6);
-    let cracked = soup(&[wrong.clone()], 1e-4);
+    let cracked = soup(std::slice::from_ref(&wrong), 1e-4);
     let (list, ids) = turned(vec![cracked.clone()], false);
     assert_eq!((changed(&cracked, &list[0]).len(), ids), (12, vec!["faces-turned".to_owned()]));
     let mut one = cube(1.0, [0.0; 3], false, 1.0, 6);
