@@ -3,6 +3,9 @@ import { el, number } from "./dom.js";
 
 const FOLLOWS = /^\s*(Axis|Track|Param)\s*\(/;
 
+// A documentation text without the line breaks inside its paragraphs.
+export const flowing = (doc) => doc.replace(/(\S)[ \t]*\n[ \t]*(?=[^\s*-])/g, "$1 ");
+
 // Splits the entries of a list or group, with their text; null for anything else.
 export function entries(text) {
   const inner = /^\s*[([]([\s\S]*)[)\]]\s*$/.exec(text);
@@ -49,7 +52,7 @@ export function field(param, value, edit, fixed) {
   const why = fixed ?? (param.is_path ? "Paths are edited in the text." : follows ? `It follows ${follows[1]}(..); edit that in the text.` : null);
   const head = el("div", { class: "head" }, el("b", {}, param.name),
     param.unit && el("span", { class: "unit" }, param.unit),
-    param.range && el("span", { class: "unit" }, `${number(param.range[0])} to ${number(param.range[1])}`),
+    param.range && Math.max(...param.range.map(Math.abs)) < 1e6 && el("span", { class: "unit" }, `${number(param.range[0])} to ${number(param.range[1])}`),
     value.text === null && el("span", { class: "unit" }, "default"));
   if (value.text !== null && param.default !== null && !why) {
     head.append(el("span", { class: "space" }), el("button", {
@@ -59,7 +62,7 @@ export function field(param, value, edit, fixed) {
   const wrong = el("div", { class: "wrong", role: "alert" });
   const rows = why ? [el("div", { class: "row" }, el("code", {}, text)), el("div", { class: "dim" }, why)] : editors(param, text, { ...edit, wrong });
   return el("div", { class: `field${value.text === null ? "" : " set"}`, "data-field": param.name },
-    head, rows, wrong, el("details", { class: "doc" }, el("summary", {}, param.doc.split(/(?<=\.)\s/)[0]), `${param.doc}\nType: ${param.type}`));
+    head, rows, wrong, el("details", { class: "doc" }, el("summary", {}, flowing(param.doc).split(/(?<=\.)\s/)[0]), `${flowing(param.doc)}\nType: ${param.type}`));
 }
 
 function editors(param, text, edit) {

@@ -1,7 +1,9 @@
-// The graph as SVG: nodes in columns, with state, progress, time and a thumbnail.
+// The graph as SVG: nodes from top to bottom, with state, progress, time and a thumbnail.
 import { $, el, seconds, show, svg } from "./dom.js";
 
-const [WIDTH, HEIGHT, GAP_X, GAP_Y, MARGIN] = [216, 62, 44, 14, 14];
+const [WIDTH, HEIGHT, GAP_X, GAP_Y, MARGIN] = [158, 52, 12, 26, 10];
+// Width of a place where only a wire passes.
+const PASS = 8;
 const DRAWN = ["image", "views", "pano", "env", "brackets"];
 
 export const shows = (output) => DRAWN.includes(output.type) || output.type === "report";
@@ -12,40 +14,58 @@ export function Graph(choose) {
   let chosen = null;
   const place = $("graph");
 
-  function x(column) { return MARGIN + column * (WIDTH + GAP_X); }
-  function y(row) { return MARGIN + row * (HEIGHT + GAP_Y); }
+  // The steps of the graph are rows from top to bottom. Left edge and width of each entry, and the total width.
+  let places = [];
+  let total = 0;
+
+  function lay() {
+    const width = ([, passes]) => (passes ? PASS : WIDTH);
+    const widths = view.columns.map((entries) => entries.reduce((sum, entry) => sum + width(entry) + GAP_X, -GAP_X));
+    total = Math.max(0, ...widths) + 2 * MARGIN;
+    places = view.columns.map((entries, step) => {
+      let x = (total - widths[step]) / 2;
+      return entries.map((entry) => {
+        const place = { x, width: width(entry) };
+        x += place.width + GAP_X;
+        return place;
+      });
+    });
+  }
+
+  const y = (step) => MARGIN + step * (HEIGHT + GAP_Y);
+  const middle = (step, at) => places[step][at].x + places[step][at].width / 2;
 
   function wires() {
-    return view.segments.map(([column, from, to]) => {
-      const [x0, y0, x1, y1] = [x(column) + WIDTH, y(from) + HEIGHT / 2, x(column + 1), y(to) + HEIGHT / 2];
-      const through = view.columns[column + 1][to][1] ? ` H${x1 + WIDTH}` : "";
-      const bend = GAP_X / 2;
-      const line = svg("path", { class: "wire", d: `M${x0} ${y0} C${x0 + bend} ${y0} ${x1 - bend} ${y1} ${x1} ${y1}${through}` });
-      line.ends = [view.columns[column][from][0], view.columns[column + 1][to][0]];
+    return view.segments.map(([step, from, to]) => {
+      const [x0, y0, x1, y1] = [middle(step, from), y(step) + HEIGHT, middle(step + 1, to), y(step + 1)];
+      const through = view.columns[step + 1][to][1] ? ` V${y1 + HEIGHT}` : "";
+      const bend = GAP_Y * 0.7;
+      const line = svg("path", { class: "wire", d: `M${x0} ${y0} C${x0} ${y0 + bend} ${x1} ${y1 - bend} ${x1} ${y1}${through}` });
+      line.ends = [view.columns[step][from][0], view.columns[step + 1][to][0]];
       return line;
     });
   }
 
-  function box(index, column, row) {
+  function box(index, step, at) {
     const node = view.nodes[index];
     const parts = {
-      time: svg("text", { class: "time", x: 12, y: 54 }),
+      time: svg("text", { class: "time", x: 11, y: 46 }),
       title: svg("title"),
-      progress: svg("rect", { class: "progress", x: 0, y: HEIGHT - 3, width: 0, height: 3 }),
-      image: svg("image", { x: WIDTH - 58, y: 6, width: 52, height: HEIGHT - 14, preserveAspectRatio: "xMidYMid meet" }),
+      progress: svg("rect", { class: "progress", x: 0, y: HEIGHT - 3, width: 0, height: 3, rx: 1 }),
+      image: svg("image", { x: WIDTH - 49, y: 5, width: 44, height: HEIGHT - 20, preserveAspectRatio: "xMaxYMin meet" }),
     };
-    const name = node.id.length > 19 ? `${node.id.slice(0, 18)}…` : node.id;
+    const name = node.id.length > 15 ? `${node.id.slice(0, 14)}…` : node.id;
     const group = svg("g", {
-      class: "node", tabindex: -1, role: "button", transform: `translate(${x(column)} ${y(row)})`,
+      class: "node", tabindex: -1, role: "button", transform: `translate(${places[step][at].x} ${y(step)})`, "aria-label": `${node.id}, ${node.kind}`,
       onclick: () => choose(node.id), onkeydown: (event) => key(event, index),
     },
     parts.title,
     svg("rect", { class: "box", width: WIDTH, height: HEIGHT, rx: 6 }),
     svg("rect", { class: "light", width: 5, height: HEIGHT, rx: 2 }),
-    svg("text", { x: 12, y: 20, "font-weight": "600" }, name),
-    svg("text", { class: "kind", x: 12, y: 37 }, node.kind),
+    svg("text", { x: 11, y: 17, "font-weight": "600" }, name),
+    svg("text", { class: "kind", x: 11, y: 32 }, node.kind),
     parts.time, parts.progress, parts.image);
-    return { ...parts, group, column, row };
+    return { ...parts, group, step, at };
   }
 
   // The whole graph, after it changed.
@@ -54,15 +74,17 @@ export function Graph(choose) {
     if (!view.nodes) return show(place, el("p", { class: "dim" }, "The graph has mistakes; see the text."));
     if (!view.columns) return list(nodes);
     boxes = [];
-    view.columns.forEach((entries, column) => entries.forEach(([index, passes], row) => {
-      if (!passes) boxes[index] = box(index, column, row);
+    lay();
+    view.columns.forEach((entries, step) => entries.forEach(([index, passes], at) => {
+      if (!passes) boxes[index] = box(index, step, at);
     }));
-    const rows = Math.max(0, ...view.columns.map((entries) => entries.length));
-    const [width, height] = [x(view.columns.length) - GAP_X + MARGIN, y(rows) - GAP_Y + MARGIN];
+    const [width, height] = [total, y(view.columns.length) - GAP_Y + MARGIN];
     const lines = wires();
     const drawing = svg("svg", { width, height, viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": "Graph" },
       lines, boxes.map((one) => one.group));
     drawing.lines = lines;
+    // A wide graph is made smaller, but stays readable; the rest is scrolled to.
+    drawing.style.minWidth = `${Math.round(width * 0.7)}px`;
     show(place, drawing);
     view.nodes.forEach((node) => update(node.id, nodes[node.id]));
     mark(chosen);
@@ -114,21 +136,23 @@ export function Graph(choose) {
 
   function key(event, index) {
     const one = boxes[index];
-    const near = (column, row) => {
-      const there = boxes.map((box, at) => ({ box, at })).filter(({ box }) => box && box.column === column);
-      return there.sort((a, b) => Math.abs(a.box.row - row) - Math.abs(b.box.row - row))[0];
+    const all = boxes.map((box, index) => ({ box, index })).filter(({ box }) => box);
+    const near = (step) => {
+      const there = all.filter(({ box }) => box.step === step);
+      const away = ({ box }) => Math.abs(middle(box.step, box.at) - middle(one.step, one.at));
+      return there.sort((a, b) => away(a) - away(b))[0];
     };
-    const rows = boxes.map((box, at) => ({ box, at })).filter(({ box }) => box?.column === one.column);
+    const row = all.filter(({ box }) => box.step === one.step).sort((a, b) => a.box.at - b.box.at);
     const found = {
-      ArrowRight: () => near(one.column + 1, one.row), ArrowLeft: () => near(one.column - 1, one.row),
-      ArrowDown: () => rows.filter(({ box }) => box.row > one.row)[0],
-      ArrowUp: () => rows.filter(({ box }) => box.row < one.row).pop(),
-      Enter: () => ({ box: one, at: index }), " ": () => ({ box: one, at: index }),
+      ArrowDown: () => near(one.step + 1), ArrowUp: () => near(one.step - 1),
+      ArrowRight: () => row.filter(({ box }) => box.at > one.at)[0],
+      ArrowLeft: () => row.filter(({ box }) => box.at < one.at).pop(),
+      Enter: () => ({ index }), " ": () => ({ index }),
     }[event.key]?.();
     if (!found) return;
     event.preventDefault();
-    choose(view.nodes[found.at].id);
-    boxes[found.at].group.focus();
+    choose(view.nodes[found.index].id);
+    boxes[found.index].group.focus();
   }
 
   return { draw, update, mark, would };

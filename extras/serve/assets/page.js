@@ -3,7 +3,7 @@ import { $, clock, el, seconds, show } from "./dom.js";
 import { enter, json, listen, post } from "./server.js";
 import { Graph, shows } from "./graph.js";
 import { Text } from "./text.js";
-import { field } from "./fields.js";
+import { field, flowing } from "./fields.js";
 import { Picture } from "./picture.js";
 
 let state = { nodes: {}, mistakes: [], files: {}, warnings: [], history: { shots: [] } };
@@ -18,6 +18,20 @@ const picture = Picture((side, about, error) => {
   if (error) return side === "a" ? tell(error.message) : tell(`B: ${error.message}`);
   if (side === "a") { layers(about); picture.tables(about.report); }
 });
+
+// Digest of the text that an edit of the page has written, until the page has fetched the graph of this text.
+let written = null;
+
+// The answer to a request that edits the text.
+async function change(path, data) {
+  try {
+    written = (await post(path, { ...data, digest: written ?? view.digest })).digest;
+    tell(null);
+  } catch (error) {
+    if (error.body?.code === "stale") { written = null; refresh(); }
+    throw error;
+  }
+}
 
 // ---- notices
 
@@ -51,6 +65,7 @@ async function refresh() {
   fetching = {};
   await attempt(async () => {
     view = await json("/graph");
+    if (view.digest === written) written = null;
     document.title = `${view.name?.split("/").pop() ?? "graph"} · lightharmony`;
     $("name").textContent = view.name ?? "lightharmony";
     if (!view.nodes?.some((node) => node.id === chosen)) chosen = view.nodes?.find((node) => node.kind === "Pose")?.id ?? view.nodes?.[0]?.id ?? null;
@@ -65,14 +80,19 @@ async function refresh() {
   if (again) await refresh();
 }
 
+let mistakesShown = "";
 function texts() {
   const node = view.nodes?.find((one) => one.id === chosen);
   if (!$("text").hidden) text.draw(view, node?.line);
   const own = view.mistakes ?? [];
+  status();
+  // An unchanged list is not replaced, so that a button in it keeps the focus.
+  const signature = JSON.stringify([view.problem, own]);
+  if (signature === mistakesShown) return;
+  mistakesShown = signature;
   show($("mistakes"), view.problem && el("p", { class: "error" }, view.problem), own.map((one) => el("p", { class: "error" },
     el("button", { type: "button", onclick: () => { tab(true); text.scroll(one.line); } }, `line ${one.line}`), " ",
     [one.message, one.label, ...(one.hints ?? [])].filter(Boolean).join("\n"))));
-  status();
 }
 
 function tab(toText) {
@@ -100,14 +120,12 @@ let waiting = null;
 let trying = null;
 
 function editOf(node, param) {
-  const edit = (value, at) => ({ digest: view.digest, node: node.in_file, field: param.name, at, value });
-  const whole = (value, at) => edit(value, at);
+  const whole = (value, at) => ({ digest: written ?? view.digest, node: node.in_file, field: param.name, at, value });
   return {
     set: (value, at) => attempt(async () => {
       // A trial that is still on its way must not come after the edit.
       trying = null;
-      await post("/set", whole(value, at));
-      tell(null);
+      await change("/set", whole(value, at));
       graph.would([]);
     }).then((done) => { if (done === null) { post("/try", null).catch(() => {}); nodePane(true); } }),
     // At most one trial is on its way, and the last value wins.
@@ -157,7 +175,7 @@ function nodePane(force = false) {
     : node.span === null ? "Another file defines this node; edit it there." : null;
   show($("node"), el("h2", {}, `${node.id}: ${node.kind}`), el("div", { id: "facts" }), el("div", { class: "dim", id: "plan", role: "status" }),
     kind.params.map((param) => field(param, node.values[param.name] ?? { value: param.default, text: null }, editOf(node, param), fixed)),
-    el("details", { class: "doc" }, el("summary", {}, "About this kind"), el("p", {}, kind.doc)));
+    el("details", { class: "doc" }, el("summary", {}, "About this kind"), el("p", {}, flowing(kind.doc))));
   if (focus) $("node").querySelector(`[aria-label="${CSS.escape(focus)}"]`)?.focus();
   facts(node, now);
 }
@@ -262,7 +280,7 @@ function historyPane() {
   status();
 }
 
-const step = (path) => attempt(async () => { await post(path, { digest: view.digest }); tell(null); });
+const step = (path) => attempt(() => change(path, {}));
 
 // ---- events
 
@@ -301,7 +319,15 @@ function handle(event) {
       break;
     case "plan": [state.plan, state.running] = [event, true]; break;
     case "pass": [state.pass, state.running] = [event, true]; break;
-    case "done": [state.done, state.pass] = [{ ...event, at: Date.now() / 1000 }, null]; break;
+    case "done":
+      if (!state.pass && !event.stopped) {
+        for (const [id, node] of Object.entries(state.nodes)) {
+          if (node.preview) { node.preview = false; graph.update(id, node); }
+        }
+      }
+      [state.done, state.pass] = [{ ...event, at: Date.now() / 1000 }, null];
+      if (state.nodes[chosen]) nodePane();
+      break;
     case "idle":
       [state.running, state.pass, state.plan] = [false, null, null];
       for (const [id, node] of Object.entries(state.nodes)) {
@@ -338,8 +364,10 @@ function exposure(by) {
 }
 
 document.addEventListener("keydown", (event) => {
-  const typing = event.target.matches?.('input[type="text"], textarea, select, dialog *');
-  if ((event.ctrlKey || event.metaKey) && ["z", "y"].includes(event.key.toLowerCase()) && !typing) {
+  const typing = event.target.matches?.('input[type="text"], textarea, select:not(#other, #mode), dialog *');
+  // In a field that was typed into, Ctrl+Z takes back the typing.
+  const typed = typing && event.target.value !== event.target.defaultValue;
+  if ((event.ctrlKey || event.metaKey) && ["z", "y"].includes(event.key.toLowerCase()) && !typed) {
     event.preventDefault();
     step(event.shiftKey || event.key.toLowerCase() === "y" ? "/redo" : "/undo");
     return;

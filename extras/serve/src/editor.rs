@@ -133,11 +133,12 @@ impl Editor {
         })
     }
 
-    /// Applies an edit to the current text, without writing it. `graph` is the graph that the client has seen.
+    /// Applies an edit to the current text, without writing it. `graph` is the graph that the client has seen; `tried`
+    /// is true if it has a value for this field that is only tried.
     ///
     /// # Errors
     /// [`Refused`].
-    pub fn edited(&self, graph: &Graph, edit: &Edit) -> Result<Edited, Refused> {
+    pub fn edited(&self, graph: &Graph, edit: &Edit, tried: bool) -> Result<Edited, Refused> {
         let old = self.text_seen(graph, &edit.digest)?;
         let Edit { node, field, value, .. } = edit;
         may_edit(graph, node, field)?;
@@ -153,7 +154,7 @@ impl Editor {
             None if steps.is_empty() => document.unset(node, field)?,
             None => return Err(fixed(format!("only the whole field `{field}` can be removed"))),
         };
-        if let Some(span) = document.field(node, field) {
+        if !tried && let Some(span) = document.field(node, field) {
             refuse_hidden(graph, node, field, &span, old.len())?;
         }
         let text = change.apply(&old);
@@ -169,12 +170,12 @@ impl Editor {
         Ok(Edited { whole, old, graph, label, text: text.clone() })
     }
 
-    /// Applies an edit and writes the file.
+    /// Applies an edit and writes the file; see [`edited`](Self::edited).
     ///
     /// # Errors
     /// [`Refused`]; the file then has its old content.
-    pub fn set(&mut self, graph: &Graph, edit: &Edit) -> Result<(), Refused> {
-        let Edited { old, text, label, .. } = self.edited(graph, edit)?;
+    pub fn set(&mut self, graph: &Graph, edit: &Edit, tried: bool) -> Result<(), Refused> {
+        let Edited { old, text, label, .. } = self.edited(graph, edit, tried)?;
         self.write(&old, &text)?;
         self.history.saved(&text, &label);
         Ok(())

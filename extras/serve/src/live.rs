@@ -196,8 +196,8 @@ impl Live {
 
     /// Writes an edit into the file.
     pub fn set(&self, edit: &Edit) -> Result<Value, Refused> {
-        let graph = self.graph()?;
-        self.write(|editor| editor.set(&graph, edit))
+        let (graph, tried) = (self.graph()?, self.is_tried(edit));
+        self.write(|editor| editor.set(&graph, edit, tried))
     }
 
     /// Takes the last change back (`undo`), or makes it again.
@@ -220,12 +220,18 @@ impl Live {
 
     /// Tries a value without writing it: the next runs use it until [`end_try`](Self::end_try) or an edit.
     pub fn try_value(&self, edit: &Edit) -> Result<Value, Refused> {
-        let graph = self.graph()?;
-        let Edited { whole, .. } = lock(&self.editor).edited(&graph, edit)?;
+        let (graph, tried) = (self.graph()?, self.is_tried(edit));
+        let Edited { whole, .. } = lock(&self.editor).edited(&graph, edit, tried)?;
         let whole = whole.ok_or_else(|| Refused::Fixed { why: "a value to try is needed".to_owned() })?;
         lock(&self.tried).insert((edit.node.clone(), edit.field.clone()), whole);
         self.look();
         Ok(json!({"tried": true}))
+    }
+
+    /// True if a value of the field is tried. An overlay of the command line on the field was refused when the trial
+    /// began.
+    fn is_tried(&self, edit: &Edit) -> bool {
+        lock(&self.tried).contains_key(&(edit.node.clone(), edit.field.clone()))
     }
 
     /// Ends the trial of values.
@@ -244,8 +250,8 @@ impl Live {
 
     /// The nodes that would run after an edit, and the forecast of their time.
     pub fn plan(&self, edit: &Edit) -> Result<Value, Refused> {
-        let graph = self.graph()?;
-        let Edited { graph: edited, .. } = lock(&self.editor).edited(&graph, edit)?;
+        let (graph, tried) = (self.graph()?, self.is_tried(edit));
+        let Edited { graph: edited, .. } = lock(&self.editor).edited(&graph, edit, tried)?;
         let only = self.with_state(|state| state.only.clone());
         let ids: BTreeSet<&str> = only.iter().map(|&index| graph.nodes[index].id.as_str()).collect();
         let only: Vec<usize> =

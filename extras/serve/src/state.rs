@@ -192,6 +192,10 @@ impl State {
                 self.running = true;
             }
             Event::Done(totals) => {
+                if self.pass.is_none() && !totals.stopped {
+                    // Nodes that are the same in the preview are not reported again.
+                    self.nodes.values_mut().for_each(|node| node.preview = false);
+                }
                 self.done = serde_json::to_value(totals).ok();
                 if let Some(done) = &mut self.done {
                     done["at"] = now().into();

@@ -115,7 +115,7 @@ fn ten_thousand_edits_and_their_undo_give_the_original_bytes() {
         for _ in 0..60 {
             let edit = edit(&mut random, texts.last().unwrap());
             tried += 1;
-            match editor.set(&graph, &edit) {
+            match editor.set(&graph, &edit, false) {
                 Ok(()) => {
                     let (old, new) = (texts.last().unwrap().clone(), std::fs::read_to_string(&path).unwrap());
                     check(&old, &new, &edit);
