@@ -123,8 +123,10 @@ function editOf(node, param) {
   const whole = (value, at) => ({ digest: written ?? view.digest, node: node.in_file, field: param.name, at, value });
   return {
     set: (value, at) => attempt(async () => {
-      // A trial that is still on its way must not come after the edit.
+      // A trial or a plan that is still on its way must not come after the edit.
       trying = null;
+      clearTimeout(waiting);
+      waiting = null;
       await change("/set", whole(value, at));
       graph.would([]);
     }).then((done) => { if (done === null) { post("/try", null).catch(() => {}); nodePane(true); } }),
@@ -137,16 +139,19 @@ function editOf(node, param) {
     revert: () => { trying = null; graph.would([]); attempt(() => post("/try", null)); },
     plan: (value, at) => {
       clearTimeout(waiting);
-      waiting = setTimeout(async () => {
+      const own = setTimeout(async () => {
         try {
           const { nodes, forecast } = await post("/plan", whole(value, at));
+          if (waiting !== own) return;
           graph.would(nodes);
           $("plan").textContent = nodes.length ? `would run ${nodes.join(", ")}${forecast.seconds ? `; about ${seconds(forecast.seconds)}` : ""}` : "would run nothing";
         } catch (error) {
+          if (waiting !== own) return;
           graph.would([]);
           $("plan").textContent = error.message;
         }
       }, 200);
+      waiting = own;
     },
   };
 }

@@ -268,7 +268,7 @@ impl Live {
         self.handle.hint(vec![self.path.clone()]);
     }
 
-    /// The value with a digest, if the graph has it now or had it in a recorded run. Values of other graphs in the
+    /// The value with a digest, if the graph has it now, had it before, or had it in a recorded run. Values of other graphs in the
     /// same cache are not given.
     pub fn value(&self, digest: &str) -> Option<Arc<Shown>> {
         let parsed = Digest::from_hex(digest)?;
@@ -281,12 +281,15 @@ impl Live {
         let wire = current.as_ref().map(|(graph, wire, _)| (&**graph, *wire));
         let type_name = match &current {
             Some((_, _, type_name)) => (*type_name).to_owned(),
-            None => {
-                let mut editor = lock(&self.editor);
-                let shots = editor.history().shots().iter().rev();
-                let mut values = shots.flat_map(|shot| shot.values.values());
-                values.find(|(_, known)| known == digest)?.0.clone()
-            }
+            None => match self.with_state(|state| state.recent(digest)) {
+                Some(type_name) => type_name.to_owned(),
+                None => {
+                    let mut editor = lock(&self.editor);
+                    let shots = editor.history().shots().iter().rev();
+                    let mut values = shots.flat_map(|shot| shot.values.values());
+                    values.find(|(_, known)| known == digest)?.0.clone()
+                }
+            },
         };
         self.decoded.get(&parsed, || Shown::read(&self.engine, &type_name, &parsed, wire))
     }

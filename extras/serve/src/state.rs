@@ -1,6 +1,6 @@
 //! The state of the watched graph, as a page shows it.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::time::Instant;
 
 use engine::{Digest, Event, Graph, Mistake, Note, State as Ended, StoredOutput};
@@ -98,8 +98,13 @@ pub struct State {
     done: Option<Value>,
     files: BTreeMap<String, Value>,
     warnings: Vec<String>,
+    /// Digest and type of the values that outputs had before, the oldest first: a page may still ask for a value that
+    /// was replaced a moment ago.
+    recent: VecDeque<(String, &'static str)>,
 }
 
+/// Maximum number of earlier values that are given.
+const MOST_RECENT: usize = 1000;
 /// Maximum number of warnings that are kept.
 const MOST_WARNINGS: usize = 20;
 
@@ -152,6 +157,9 @@ impl State {
                 let preview = self.pass.is_some();
                 let node = self.nodes.entry(id.clone()).or_default();
                 let known = key.and_then(|key| outputs(id, &key));
+                if known.is_some() {
+                    replaced(&mut self.recent, &node.outputs);
+                }
                 let pending = key.filter(|_| known.is_none() && matches!(state, Ended::Ran | Ended::Cached));
                 *node = NodeState {
                     status: (*state).into(),
@@ -233,6 +241,7 @@ impl State {
         let mut events = Vec::new();
         for (id, node) in &mut self.nodes {
             if let Some(found) = node.pending.and_then(|key| outputs(id, &key)) {
+                replaced(&mut self.recent, &node.outputs);
                 (node.outputs, node.pending) = (listed(found), None);
                 events.push(json!({"event": "values", "id": id, "node": node}));
             }
@@ -266,10 +275,22 @@ impl State {
         })
     }
 
+    /// The type of a value that an output had before.
+    pub fn recent(&self, digest: &str) -> Option<&'static str> {
+        self.recent.iter().rev().find(|(known, _)| known == digest).map(|(_, type_name)| *type_name)
+    }
+
     /// True if the current run computes a preview.
     pub fn is_preview(&self) -> bool {
         self.pass.is_some()
     }
+}
+
+/// Remembers values that are no longer current.
+fn replaced(recent: &mut VecDeque<(String, &'static str)>, outputs: &[Output]) {
+    recent.extend(outputs.iter().map(|output| (output.digest.clone(), output.type_name)));
+    let surplus = recent.len().saturating_sub(MOST_RECENT);
+    recent.drain(..surplus);
 }
 
 fn listed(outputs: Vec<StoredOutput>) -> Vec<Output> {
