@@ -15,7 +15,7 @@ let connected = false;
 const graph = Graph(choose);
 const text = Text();
 const picture = Picture((side, about, error) => {
-  if (error) return side === "a" ? tell(error.message) : tell(`B: ${error.message}`);
+  if (error) return side === "a" ? notify(error.message) : notify(`B: ${error.message}`);
   if (side === "a") { layers(about); picture.tables(about.report); }
 });
 
@@ -26,7 +26,7 @@ let written = null;
 async function change(path, data) {
   try {
     written = (await post(path, { ...data, digest: written ?? view.digest })).digest;
-    tell(null);
+    notify(null);
   } catch (error) {
     if (error.body?.code === "stale") { written = null; refresh(); }
     throw error;
@@ -35,13 +35,13 @@ async function change(path, data) {
 
 // ---- notices
 
-function tell(message) {
+function notify(message) {
   $("notice").hidden = !message;
-  show($("notice"), el("span", {}, message ?? ""), el("span", { class: "space" }), el("button", { type: "button", onclick: () => tell(null) }, "Close"));
+  show($("notice"), el("span", {}, message ?? ""), el("span", { class: "space" }), el("button", { type: "button", onclick: () => notify(null) }, "Close"));
 }
 
 async function attempt(action) {
-  try { return await action(); } catch (error) { tell(error.message); return null; }
+  try { return await action(); } catch (error) { notify(error.message); return null; }
 }
 
 function status() {
@@ -159,7 +159,7 @@ function editOf(node, param) {
 async function run() {
   while (trying) {
     const next = trying;
-    try { await post("/try", next); } catch (error) { tell(error.message); trying = null; return; }
+    try { await post("/try", next); } catch (error) { notify(error.message); trying = null; return; }
     if (trying === next) { trying = null; return; }
   }
 }
@@ -398,11 +398,11 @@ $("theme").addEventListener("click", () => {
   try { localStorage.setItem("theme", document.documentElement.dataset.theme); } catch { /* storage may be off */ }
 });
 try { const theme = localStorage.getItem("theme"); if (theme) document.documentElement.dataset.theme = theme; } catch { /* storage may be off */ }
-if (picture.failure()) tell(picture.failure());
+if (picture.failure()) notify(picture.failure());
 
 try {
   await enter();
   listen(handle, (now) => { connected = now; status(); });
 } catch (error) {
-  tell(error.message);
+  notify(error.message);
 }

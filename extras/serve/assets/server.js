@@ -2,13 +2,13 @@
 
 export class Refused extends Error {
   constructor(status, body) {
-    super(body.why ?? said(body));
+    super(body.why ?? reason(body));
     this.status = status;
     this.body = body;
   }
 }
 
-function said(body) {
+function reason(body) {
   switch (body.code) {
     case "stale": return "Another program saved the graph in the meantime. Nothing was overwritten; the page now shows the new text.";
     case "confined": return "This graph belongs to an unpacked bundle, whose files are never written. Copy it into a folder of your own to edit it.";

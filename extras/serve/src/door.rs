@@ -190,7 +190,7 @@ mod tests {
             ("cookie", cookie.as_str()),
         ];
         assert_eq!(checked(Method::POST, "/set", &good, false), None);
-        let mut wrong = |name: &'static str, value: &str, why: Refused| {
+        let wrong = |name: &'static str, value: &str, why: Refused| {
             let pairs: Vec<_> = good.iter().map(|(n, v)| (*n, if *n == name { value } else { *v })).collect();
             assert_eq!(checked(Method::POST, "/set", &pairs, false), Some(why), "{name}: {value}");
         };

@@ -17,8 +17,8 @@ pub enum Error {
     /// The system gives no random numbers for the token.
     #[error("the system gives no random numbers for the token of the page")]
     Random,
-    /// The path of the graph cannot be resolved.
-    #[error("cannot find `{}`: {error}", path.display())]
+    /// The graph cannot be read.
+    #[error("cannot read the graph `{}`: {error}", path.display())]
     Graph {
         /// Path of the graph.
         path: PathBuf,

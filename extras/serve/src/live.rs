@@ -119,10 +119,12 @@ impl Live {
 
     /// Takes a graph that the watch has read.
     pub fn loaded(&self, load: &Load) {
-        let text = engine::read_text(&self.path, engine::MAX_GRAPH_BYTES).unwrap_or_default();
-        if load.graph.is_ok() {
-            lock(&self.editor).history().saved(&text, OTHER);
+        let text = engine::read_text(&self.path, engine::MAX_GRAPH_BYTES);
+        if let (Ok(_), Ok(text)) = (&load.graph, &text) {
+            lock(&self.editor).history().saved(text, OTHER);
         }
+        // A file that cannot be read has no text; the refusal says why.
+        let text = text.unwrap_or_default();
         {
             let mut state = lock(&self.state);
             state.digest = digest_of(&text);

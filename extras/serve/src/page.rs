@@ -73,7 +73,8 @@ impl Page {
             let address = serde_json::to_vec(&Address { port, token: token.clone() }).unwrap_or_default();
             let _ = write_private(&path, &address);
         }
-        let text = engine::read_text(&graph, engine::MAX_GRAPH_BYTES).unwrap_or_default();
+        let text = engine::read_text(&graph, engine::MAX_GRAPH_BYTES);
+        let text = text.map_err(|error| Error::Graph { path: options.graph.clone(), error })?;
         let editor = Editor::new(graph.clone(), History::open(file(".history.jsonl"), &text));
         let live = Arc::new(Live::new(engine, handle, graph, Door::new(token, port), editor));
         let (stop, stopped) = oneshot::channel();

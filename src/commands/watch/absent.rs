@@ -7,7 +7,7 @@ use engine::{Engine, Event, Handle, Load};
 
 use crate::session::Error;
 
-/// A live page, of which there is none in this build.
+/// The type of the live page in a build without it. It has no values.
 pub enum LivePage {}
 
 impl LivePage {
