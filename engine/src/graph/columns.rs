@@ -1,5 +1,5 @@
-//! The layout of a drawing of a graph. The number of columns is the number of nodes on the longest path. Wires are routed around the nodes
-//! between their ends.
+//! The layout of a drawing of a graph. The number of columns is the number of nodes on the longest path. Wires are
+//! routed around the nodes between their ends.
 
 use std::collections::BTreeSet;
 
