@@ -1,5 +1,5 @@
-//! Tests of whole insertions into the bench case of `../shared/data` with the graphs of `bench_case`. The shadow
-//! region is compared with the renders of an independent program.
+//! Tests of whole insertions into the bench case of `../shared/data`, with the graphs in `tests/bench_case`. The
+//! shadow region is compared with the renders of an independent program.
 #![allow(
     clippy::unwrap_used,
     clippy::print_stdout,

@@ -24,7 +24,7 @@ pub(crate) const SMALL: usize = 4096;
 
 const DAY: Duration = Duration::from_secs(24 * 60 * 60);
 
-/// The kind of a blob's entry in the log.
+/// Kind of the log entries that contain blobs.
 const KIND: u8 = 2;
 
 /// All blobs of a store.
@@ -123,7 +123,7 @@ impl Blobs {
         disk.with_small(|log| log.refresh().and_then(|_| log.lengths(KIND)))
     }
 
-    /// The number of bytes of replaced and removed entries in the log of small blobs.
+    /// The total size in bytes of the replaced and removed entries in the log of small blobs.
     pub fn small_dead(&self) -> u64 {
         let Blobs::Disk(disk) = self else { return 0 };
         disk.with_small(|log| Ok(log.dead())).unwrap_or(0)

@@ -97,9 +97,10 @@ pub(crate) const QUARANTINE_BEFORE: &str = "quarantine.before";
 pub(crate) const QUARANTINE_AFTER: &str = "quarantine.after";
 pub(crate) const LEASE_ACQUIRED: &str = "lease.acquired";
 pub(crate) const LEASE_UNLINKED: &str = "lease.unlinked";
-/// The place at which a collection has removed all records that it removes, but no blob yet.
+/// The place in a collection after all records to be removed are removed, and before the first blob is removed.
 pub(crate) const GC_RECORDS_GONE: &str = "gc.records-gone";
-/// The place at which a collection has removed one blob, but not the remaining ones yet.
+/// The place in a collection after a blob that was stored as a separate file is removed. It is reached once per
+/// such blob.
 pub(crate) const GC_BLOB_GONE: &str = "gc.blob-gone";
 
 /// Does nothing: failpoints are disabled.
@@ -147,7 +148,8 @@ mod active {
         Some(Armed { name, count, effect, reached: AtomicU64::new(0) })
     }
 
-    /// Aborts the process or returns an error if the environment variable names the failpoint `name`.
+    /// Aborts the process or returns an error if the environment variable names the failpoint `name`, and the
+    /// failpoint is now reached for the `count`-th time.
     pub(crate) fn reach(name: &'static str) -> io::Result<()> {
         let Some(armed) = armed().filter(|armed| armed.name == name) else { return Ok(()) };
         if armed.reached.fetch_add(1, Ordering::Relaxed) + 1 != armed.count {

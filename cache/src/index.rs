@@ -39,7 +39,7 @@ pub(crate) struct Index {
     pages: Vec<Option<Box<[u8; PAGE]>>>,
 }
 
-/// The error for a page that cannot be read or has a wrong checksum.
+/// Error for a page that cannot be read or has a wrong checksum.
 pub(crate) struct Damaged;
 
 impl From<io::Error> for Damaged {

@@ -38,7 +38,7 @@ pub struct Stat {
 pub struct Checked {
     /// The number of blobs that were read.
     pub blobs: usize,
-    /// The total size of these blobs in bytes.
+    /// The total size in bytes of the blobs that were read.
     pub bytes: u64,
     /// The number of records that were read.
     pub records: usize,

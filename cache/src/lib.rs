@@ -23,7 +23,8 @@
 //!   [`Fsync`]), but never makes a read return wrong data.
 //! - Processes may start, stop and be killed at any time: no lock ever has to be removed by hand, and no repair has
 //!   to be run.
-//! - Damage affects only the blob or record that contains it. It is reported once as an [`Incident`] and then removed.
+//! - Damage affects only the blob or record that contains it. It is reported once as an [`Incident`] and then
+//!   removed.
 //! - Anything of the wrong type at the path of a file or folder of the cache is moved to the quarantine. Nothing is
 //!   created at the target of a dangling link.
 //!

@@ -1,4 +1,4 @@
-//! Locations of the entries of a log, and sizes of the contents of a log.
+//! Locations of log entries, and sizes of the parts of a log.
 
 use crate::digest::Digest;
 
@@ -15,10 +15,10 @@ pub(crate) struct Location {
 /// Sizes of the contents of a log file, in bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct LogSizes {
-    /// Size of the valid entries.
+    /// Total size of the valid entries.
     pub live: u64,
-    /// Size of the entries that were replaced or removed by later ones, of the entries that remove others, and of
-    /// incomplete entries.
+    /// Total size of three types of entries: entries that later entries replaced or removed, entries that remove
+    /// other entries, and incomplete entries.
     pub dead: u64,
     /// Number of bytes that belong to no entry.
     pub damaged: u64,

@@ -33,8 +33,8 @@ pub(crate) fn write_length(out: &mut Vec<u8>, length: usize) {
     out.push(rest as u8);
 }
 
-/// The fields of a key in the order written, stored in the encoding of [`KeyWriter`](crate::KeyWriter) and decoded on
-/// demand. [`Display`](fmt::Display) prints one line `path = value` per field.
+/// The fields of a key in the order written, stored in the encoding of [`KeyWriter`](crate::KeyWriter) and decoded
+/// on demand. [`Display`](fmt::Display) prints one line `path = value` per field.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Manifest {
     encoding: Vec<u8>,

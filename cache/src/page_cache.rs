@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
 
-/// Length of a page, and so of a read, in bytes.
+/// Length of a page in bytes. Every read fetches whole pages.
 const PAGE: usize = 16 << 10;
 
 /// The maximum number of pages in memory.
@@ -21,7 +21,7 @@ pub(crate) struct PageCache {
 
 impl PageCache {
     /// Returns `length` bytes at `offset`, or fewer bytes if the file ends earlier. Bytes at or after `end` may be
-    /// missing.
+    /// missing from the result.
     pub fn read(&mut self, file: &File, end: u64, offset: u64, length: usize) -> io::Result<&[u8]> {
         let page = offset / PAGE as u64;
         let at = (offset % PAGE as u64) as usize;

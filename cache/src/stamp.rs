@@ -93,7 +93,7 @@ pub(crate) fn same_file(a: &Metadata, b: &Metadata) -> bool {
     (a.dev(), a.ino()) == (b.dev(), b.ino())
 }
 
-/// True if two results of `stat` belong to the same file, judging by its creation time.
+/// True if two results of `stat` belong to the same file, judging by the creation times.
 #[cfg(not(unix))]
 pub(crate) fn same_file(a: &Metadata, b: &Metadata) -> bool {
     a.created().ok() == b.created().ok()

@@ -147,7 +147,7 @@ pub(crate) fn remove_stale(
     found.filter(|(path, found)| old(found) && remove(path, found)).count()
 }
 
-/// Sets the modification time of everything in a folder to a minute ago.
+/// Sets the modification time of everything in a folder to one minute before now.
 #[cfg(test)]
 pub(crate) fn age_all(folder: &Path) {
     for entry in fs::read_dir(folder).unwrap().flatten() {

@@ -71,7 +71,7 @@ fn size(folder: &Path) -> u64 {
     size
 }
 
-/// The numbers of the stored records. Panics if a record lacks a blob.
+/// The numbers of the stored records. Panics if a blob that a record names is missing.
 fn whole(folder: &Path) -> Vec<u8> {
     let store = open(folder);
     let found = |n: &u8| {

@@ -96,7 +96,7 @@ fn run(folder: &Path, failpoint: Option<&str>) -> bool {
     !output.status.success()
 }
 
-/// Checks that every result that was acknowledged is stored, and that no stored result is wrong.
+/// Checks that every result that was reported as stored is in the cache, and that no stored result is wrong.
 fn check(folder: &Path, what: &str) {
     let log = fs::read_to_string(folder.join("log")).unwrap_or_default();
     let store = open(&folder.join("cache")).unwrap();

@@ -39,7 +39,7 @@ fn work(store: &Store) {
     store.sweep();
 }
 
-/// The relative paths of all folders and files in a cache that was used.
+/// The paths of all folders and files in a cache, relative to its folder.
 fn names(folder: &Path) -> Vec<PathBuf> {
     let (mut names, mut folders) = (Vec::new(), vec![folder.join("v1")]);
     while let Some(next) = folders.pop() {

@@ -1,8 +1,8 @@
 //! Declarative dataflow: graph files, typed ports, content keys, a caching scheduler.
 //!
 //! The engine handles graphs, ports, keys and scheduling, and knows nothing about images. Other crates define the
-//! kinds of nodes: they implement [`Kind`] for each kind and provide a [`Registry`]. The nodes *above* a node are
-//! the nodes that it depends on, directly or through others; the nodes *below* it depend on it.
+//! kinds of nodes: they implement [`Kind`] for each kind and provide a [`Registry`]. The nodes *upstream* of a node
+//! are the nodes that it depends on, directly or through others; the nodes *downstream* of it depend on it.
 //!
 //! - A graph file is RON text. [`Graph::parse`] parses and checks it against the registry and reports all mistakes
 //!   together as [`Diagnostics`], with their positions in the text, and hints. [`apply`] adds settings (`--set
@@ -72,9 +72,9 @@
 //! # Keys
 //! The key of a node is a digest of its kind and version, all parameters including defaults, the content of its
 //! inputs and of the files it reads, its numeric profile, and the context fields that the kind declares. Names,
-//! layout, folders, times and threads are not part of it. Since inputs enter by content, the nodes below a node
-//! with an unchanged result do not run again. A key is written together with its [`Manifest`], the readable form
-//! that explanations compare.
+//! layout, folders, times and threads are not part of it. Since inputs enter by content, the nodes downstream of a
+//! node with an unchanged result do not run again. A key is written together with its [`Manifest`], the readable
+//! form that explanations compare.
 //!
 //! # Guarantees
 //! - Results do not depend on the number of threads, the order in which nodes run, or the content of the cache.

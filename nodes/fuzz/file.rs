@@ -10,7 +10,7 @@ use nodes::kinds::load_mesh::{self, ColourEncoding, LoadMesh, MeshFrame};
 use nodes::kinds::load_object::{self, LoadObject};
 use nodes::kinds::load_splats::{self, LoadSplats};
 
-/// A folder for this process. It is in memory if the system has `/dev/shm`.
+/// Path of a folder for the files of this process. The folder is in memory if the system has `/dev/shm`.
 fn folder() -> &'static Path {
     static FOLDER: OnceLock<PathBuf> = OnceLock::new();
     FOLDER.get_or_init(|| {
@@ -22,7 +22,7 @@ fn folder() -> &'static Path {
     })
 }
 
-/// Writes files and runs a kind on them, as the engine does: `sources` first, then `run`.
+/// Writes files and runs a kind on them. As in the engine, `sources` is called before `run`.
 fn run<K: Kind>(params: &K::Params, inputs: K::In, files: &[(&str, &[u8])]) -> Result<(K::Out, Notes), NodeError> {
     for (name, bytes) in files {
         std::fs::write(folder().join(name), bytes).expect("the files of a target must be writable");
@@ -76,8 +76,8 @@ pub fn object(name: &str, data: &[u8]) {
     }
 }
 
-/// Writes `files`, which may be damaged, and reads `lod-meta.json` among them as a streamed scene at a level. All
-/// positions must be finite.
+/// Writes `files`, which may be damaged, and loads the level `level` of the streamed scene that `lod-meta.json`
+/// describes. All positions must be finite.
 pub fn streamed(level: u32, files: &[(&str, &[u8])]) {
     let params = LoadSplats {
         path: InputFile("lod-meta.json".to_owned()),

@@ -5,8 +5,8 @@ pub mod file;
 use engine::{Context, Scene, Up};
 use nodes::io::splats::{Frame, from_bytes};
 
-/// Reads `head` followed by `data` as one file. The result must be an error, or a scene of finite numbers with no
-/// more splats than the bytes can hold.
+/// Reads `head` followed by `data` as one file. The result must be an error, or a scene that contains only finite
+/// numbers and no more splats than the file can hold.
 pub fn read(head: &[u8], data: &[u8]) {
     let bytes = [head, data].concat();
     let cx = Context::detached(Scene { up: Up::MinusY, metres_per_unit: 1.0, seed: 0, exhaustive: false }, ".");

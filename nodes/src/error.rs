@@ -9,7 +9,7 @@ pub enum Error {
     Format {
         /// The file as the graph names it.
         file: String,
-        /// The error, with its position in the file if known.
+        /// The problem, with its position in the file if known.
         what: String,
     },
     /// A file that uses an unsupported feature, which the error names.

@@ -22,7 +22,7 @@ mod testing;
 
 pub use error::Error;
 
-/// Every kind, by name.
+/// Registers every kind by its name.
 pub fn registry() -> Registry {
     Registry::new(vec![
         KindEntry::of::<alpha_shadow::AlphaShadow>(),

@@ -16,7 +16,7 @@ pub fn context() -> Context {
     Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7, exhaustive: false }, ".")
 }
 
-/// Every set of vector instructions that this machine has.
+/// Every set of vector instructions that this machine supports.
 pub fn levels() -> Vec<Level> {
     let best = Level::new();
     let mut levels = vec![Level::baseline()];
@@ -31,16 +31,17 @@ pub fn levels() -> Vec<Level> {
     levels
 }
 
-/// The unit direction for two numbers from 0 to 1. Uniformly distributed numbers give uniformly distributed
-/// directions.
+/// The unit direction that belongs to two numbers from 0 to 1. Uniformly distributed numbers give uniformly
+/// distributed directions.
 pub fn direction([u, v]: [f32; 2]) -> Vec3 {
     let (z, (sin, cos)) = (1.0 - 2.0 * v, circle(u));
     let r = (1.0 - z * z).max(0.0).sqrt();
     Vec3::new(r * cos, r * sin, z)
 }
 
-/// Pearson's chi-square of counts and expected counts, in standard deviations of a normal distribution (Wilson and
-/// Hilferty 1931): one in 30,000 correct samplers exceeds 4. Bins with an expected count below 5 are joined.
+/// Pearson's chi-square statistic of `counts` and `expected` counts, converted to standard deviations of a normal
+/// distribution (Wilson and Hilferty 1931). One in 30,000 correct samplers exceeds 4. Bins with an expected count
+/// below 5 are merged with other bins.
 pub fn chi_square(counts: &[f64], expected: &[f64]) -> f64 {
     assert_eq!(counts.len(), expected.len());
     let (mut rare, mut sum, mut bins) = ([0.0; 2], 0.0, 0.0);

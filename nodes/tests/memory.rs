@@ -18,7 +18,7 @@ use nodes::io::{exr, jpeg, png};
 static COUNTED: Cap<System> = Cap::new(System, usize::MAX);
 
 const MIB: u64 = 1 << 20;
-/// Memory that the program uses for other purposes than running nodes, in bytes.
+/// Memory that the program uses in addition to the memory of running nodes, in bytes.
 const REST: f64 = 2.0 * MIB as f64;
 
 /// Writes the test files: pictures of one size, a mesh and splats.
@@ -93,8 +93,8 @@ fn files(folder: &Path) {
     put("splats.ply", ply);
 }
 
-/// The cases. Each has the nodes of a graph, and the maximum permitted ratio of their estimated memory to their
-/// actual memory.
+/// The cases. Each consists of the nodes of a graph, and the maximum permitted ratio of their estimated memory to
+/// their actual memory.
 const CASES: [(&str, f64); 22] = [
     (r#"a: LoadImage(path: "noise.png")"#, 1.2),
     (r#"a: LoadImage(path: "flat.png")"#, 1.2),
@@ -190,8 +190,7 @@ fn in_a_process(folder: &Path, case: usize, budget: u64) -> Option<u64> {
     reported.parse().ok()
 }
 
-/// With an axis over the cameras of a file, memory does not grow with the number of views. A view of this size
-/// takes 10 MB.
+/// With an axis over the cameras of a file, memory does not grow with the number of views. Each view takes 10 MB.
 #[test]
 fn views_of_an_axis_take_the_memory_of_a_few() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -201,8 +200,8 @@ fn views_of_an_axis_take_the_memory_of_a_few() {
     assert!(many as f64 <= 1.25 * few as f64, "{few} bytes for 4 views, {many} for 32");
 }
 
-/// A node that needs more than 1.2 times the memory budget is refused before it runs. It is not refused if the
-/// budget is at least the memory that it actually uses, multiplied by its ratio in [`CASES`].
+/// A node that needs more than 1.2 times the memory budget is refused before it runs. A node is not refused if the
+/// budget is at least its actual memory, multiplied by its ratio in [`CASES`].
 #[test]
 #[ignore = "on demand: it starts some seventy processes"]
 fn a_budget_holds_within_a_fifth() {

@@ -1,4 +1,4 @@
-//! Tests that modules of the crate import only lower modules, and that no kind imports another.
+//! Tests that modules of the crate import only lower modules, and that no kind imports another kind.
 
 use std::path::Path;
 

@@ -22,9 +22,9 @@ use crate::terminal;
 /// Shows how two graphs differ, in their text and in their results.
 ///
 /// Each side is a graph file, a bundle or a picture that carries its recipe. The results of a graph are looked up
-/// in the cache, those of a bundle in the bundle. Two pictures are compared by their recipes and their pixels; with
-/// `--inputs`, their intermediate results are compared as well. `--set-b` or `--cache-b` compare two runs of one
-/// graph.
+/// in the cache, and the results of a bundle in the bundle. Two pictures are compared by their recipes and their
+/// pixels; with `--inputs`, their intermediate results are compared as well. `--set-b` or `--cache-b` compare two
+/// runs of one graph.
 #[derive(Debug, Args)]
 pub struct Diff {
     /// The first graph, bundle or picture
@@ -89,7 +89,7 @@ fn files_difference(a: &Files, b: &Files) -> Difference {
     for (a, b) in a.0.iter().zip(&b.0).filter(|(a, b)| a.bytes != b.bytes) {
         let Some((a, b)) = shown(a).zip(shown(b)) else {
             let (a, b) = (a.bytes.len(), b.bytes.len());
-            return Difference::of(format!("different content, {a} and {b} bytes"));
+            return Difference::of(format!("different content (lengths in bytes: {a} and {b})"));
         };
         let difference = a.difference(&b);
         if !difference.equal {
@@ -100,7 +100,9 @@ fn files_difference(a: &Files, b: &Files) -> Difference {
     match only_recipes {
         0 => Difference::none(),
         1 => Difference::of("the pixels are equal, but the recipes in the files differ"),
-        n => Difference::of(format!("the pixels of {n} pictures are equal, but their recipes differ")),
+        n => {
+            Difference::of(format!("{n} pictures have the same pixels on both sides, but different recipes"))
+        }
     }
 }
 
@@ -115,12 +117,12 @@ fn recipe(path: &Path) -> Result<Option<Recipe>, Error> {
     text.map(|text| Recipe::parse(&text)).transpose().map_err(named)
 }
 
-/// Collects lines about nodes. Of the lines about the instances of one node, only the first [`Self::MOST`] are kept
-/// and the others are counted.
+/// Collects lines of text about nodes. If there are more than [`Self::MOST`] lines about the instances of one node,
+/// the further lines are only counted.
 #[derive(Default)]
 struct Lines {
     text: String,
-    /// Name of the node that the last lines are about.
+    /// Name of the node to which the most recent lines refer.
     node: String,
     count: usize,
 }
@@ -214,7 +216,7 @@ impl Diff {
         }
         let mut text = lines.finish();
         for path in &bare {
-            text.push_str(&format!("{} carries no recipe\n", path.display()));
+            text.push_str(&format!("`{}` contains no recipe\n", path.display()));
         }
         if said.is_empty() && bare.is_empty() {
             text.push_str("the graphs are equal\n");
@@ -265,13 +267,15 @@ impl Diff {
         let mut text = lines.finish();
         text.push_str(&match (came.compared, came.unequal.len()) {
             (0, _) => "no node has a known result on both sides; run both first\n".to_owned(),
-            (n, 0) => format!("{n} results compared, all equal\n"),
-            (n, unequal) => format!("{n} results compared, {unequal} differ\n"),
+            (n, 0) => format!("results compared: {n}, all equal\n"),
+            (n, unequal) => format!("results compared: {n}, different: {unequal}\n"),
         });
         for (unknown, side) in came.unknown.iter().zip(["first", "second"]) {
             if !unknown.is_empty() && came.compared > 0 {
                 let names = cut(&unknown.join(", "));
-                text.push_str(&format!("the {side} graph has no known result of {names}; run it first\n"));
+                text.push_str(&format!(
+                    "no result is known for these nodes of the {side} graph: {names}; run the graph first\n"
+                ));
             }
         }
         text

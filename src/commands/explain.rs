@@ -26,8 +26,8 @@ pub struct Explain {
 }
 
 impl Explain {
-    /// Prints the first causes, each node between these causes and the requested node, and the time and memory of
-    /// the last run of the requested node.
+    /// Prints the first causes, the nodes between these causes and the requested node, and the time and memory that
+    /// the requested node took in its last run.
     pub fn run(self) -> Result<u8, Error> {
         let loaded = self.graph.load()?;
         let graph = &loaded.graph;
@@ -65,14 +65,14 @@ impl Explain {
             let memory = bytes_text(last.memory);
             let counts = counts_text(&last.counts);
             text.push_str(&format!(
-                "\nits code took {seconds} ({cpu} of CPU time) in the last run, with an estimated memory of {memory}{counts}\n"
+                "\nthe last run of the node took {seconds} ({cpu} of CPU time), with an estimated memory of {memory}{counts}\n"
             ));
         }
         if let Some(seconds) = node.forecast {
-            text.push_str(&format!("this time it would take about {}\n", seconds_text(seconds)));
+            text.push_str(&format!("the next run of the node would take about {}\n", seconds_text(seconds)));
         }
         if let Some(manifest) = node.manifest.as_ref().filter(|_| self.key) {
-            text.push_str("\nits key consists of:\n");
+            text.push_str("\nthe key of the node consists of:\n");
             for line in manifest.to_string().lines() {
                 text.push_str(&format!("    {}\n", by_wire(graph, index, line)));
             }
@@ -82,8 +82,8 @@ impl Explain {
     }
 }
 
-/// Replaces the number in the brackets of a line of a key, which is the index of a field, with the index of the
-/// wire that the field belongs to. In a key, each wire of an input has three fields: type, format and content.
+/// Replaces the number in brackets in a line of a key. The number is the index of a field; it becomes the index of
+/// the wire to which the field belongs. In a key, each wire of an input has three fields: type, format and content.
 fn by_wire(graph: &Graph, index: usize, line: &str) -> String {
     let numbered = || {
         let (name, rest) = line.split_once('[')?;

@@ -8,7 +8,8 @@ use trade::knobs::{KnobRow, knob_rows};
 use crate::session::{Error, GraphArgs};
 use crate::terminal;
 
-/// Lists the knobs of a graph, the parameters that trade work for accuracy, and the outputs that each changes.
+/// Lists the knobs of a graph and the outputs that each knob changes. Knobs are the parameters that trade work for
+/// accuracy.
 ///
 /// A knob has a value in each preset, from the least work to the least error: draft, preview, final, reference.
 /// Presets and searches do not change a knob that varies along an axis; the list shows its first value. `run

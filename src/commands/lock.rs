@@ -28,7 +28,7 @@ impl MakeLock {
         cache::publish_file(&path, lock.text().as_bytes())?;
         let (inputs, kinds, results) = (lock.inputs.len(), lock.kinds.len(), lock.results.len());
         terminal::print(&format!(
-            "{}: {inputs} inputs, {kinds} kinds, {results} results of {} nodes\n",
+            "wrote {} (inputs: {inputs}, kinds: {kinds}, nodes with a result: {results} of {})\n",
             path.display(),
             loaded.graph.nodes.len()
         ))?;

@@ -95,7 +95,7 @@ enum Verb {
     Pick(pick::Pick),
     /// Draw a graph with the state of its results
     Graph(graph::Draw),
-    /// Maintain the cache: contents, damage, size
+    /// Maintain the cache: print its contents, find damage, limit its size
     Cache(cache::Cache),
     /// Create a folder with a first graph
     Init(init::Init),
@@ -105,11 +105,11 @@ enum Verb {
     Pack(pack::Pack),
     /// Unpack a bundle
     Unpack(unpack::Unpack),
-    /// Recompute nodes of a bundle and compare
+    /// Recompute nodes of a bundle and compare the results
     Verify(verify::Verify),
-    /// Write a scene of splats in another format
+    /// Write a scene of splats, or a mesh, in another format
     Convert(convert::Convert),
-    /// Print the properties of splats or a mesh: size, up axis, floor, probable mistakes
+    /// Print the properties of splats, a mesh or a picture: size, up axis, floor, probable mistakes
     Inspect(inspect::Inspect),
     /// Train the learned exposure prediction on HDR panoramas (in builds with the feature `learned`)
     TrainExposure(train_exposure::TrainExposure),

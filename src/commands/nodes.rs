@@ -8,8 +8,8 @@ use crate::terminal::{self, paragraphs, wrapped};
 
 /// Lists the kinds of nodes, describes one, or searches them.
 ///
-/// Without a word it lists all kinds in the order of a pipeline. With the name of a kind it describes that kind: inputs,
-/// parameters with defaults and ranges, outputs. With any other word it lists the kinds that mention it.
+/// Without a word it lists all kinds in the order of a pipeline. With the name of a kind it describes that kind:
+/// inputs, parameters with defaults and ranges, outputs. With any other word it lists the kinds that mention it.
 #[derive(Debug, Args)]
 pub struct Nodes {
     /// Name of a kind, such as `splat-render` or `SplatRender`, or a word to search for
@@ -19,8 +19,8 @@ pub struct Nodes {
     markdown: bool,
 }
 
-/// The stages of a pipeline, in order, with the kinds of each. Kinds whose names begin with `load-` or `write-`
-/// belong to the first and the last stage without being listed.
+/// The stages of a pipeline, in order, each with its kinds. Kinds whose names begin with `load-` also belong to the
+/// first stage, and those whose names begin with `write-` to the last stage.
 const STAGES: [(&str, &[&str]); 7] = [
     ("load", &["demo-scene"]),
     ("prepare", &["crop-mesh", "extract-mesh", "override-material", "plane"]),
@@ -129,7 +129,7 @@ fn found(registry: &Registry, word: &str, width: usize) -> Result<String, Error>
     Ok(text)
 }
 
-/// Column at which the text next to names begins.
+/// Column at which descriptions begin, to the right of the names.
 const COLUMN: usize = 23;
 
 fn describe(kind: &KindEntry, width: usize) -> String {

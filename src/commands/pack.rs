@@ -52,7 +52,7 @@ impl Pack {
         let packed = packed.unwrap_or_default();
         let bytes = std::fs::metadata(&self.bundle)?.len();
         terminal::print(&format!(
-            "{}: {}, {} inputs, results of {} nodes, values of {}\n",
+            "wrote {} ({}; inputs: {}, nodes with a result: {}, nodes with values: {})\n",
             self.bundle.display(),
             bytes_text(bytes),
             packed.inputs,

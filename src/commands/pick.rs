@@ -103,7 +103,7 @@ fn inputs(graph: &Graph, node: usize) -> Result<(Wire, Wire, Scene), Error> {
     })
 }
 
-/// A wire as a graph writes it: `camera`, or `demo.splats` if its node has several outputs.
+/// A wire in the notation of graph files: `camera`, or `demo.splats` if its node has several outputs.
 fn name(graph: &Graph, wire: Wire) -> String {
     let node = &graph.nodes[wire.node];
     match &node.kind.outputs[..] {
@@ -112,7 +112,8 @@ fn name(graph: &Graph, wire: Wire) -> String {
     }
 }
 
-/// A vector as a graph writes it, to six significant digits of its largest component.
+/// A vector in the notation of graph files. Its components are rounded to a decimal place that keeps six
+/// significant digits of the largest component.
 fn vector(v: DVec3) -> String {
     let (largest, mut digits, mut unit) = (v.abs().max_element(), 1, 10.0);
     while digits < 9 && largest * unit < 1e5 {

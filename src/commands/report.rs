@@ -25,7 +25,7 @@ pub struct MakeReport {
     graph: GraphArgs,
     #[command(flatten)]
     engine: EngineArgs,
-    /// The page to write, self-contained HTML
+    /// The page to write, a self-contained HTML file
     #[arg(long, short, value_name = "FILE", default_value = "report.html")]
     out: PathBuf,
     /// The measure of error: flip, flip95, rmse, psnr, ciede2000, mae or relmse; the prefix `touched.` counts only
@@ -91,7 +91,7 @@ impl MakeReport {
         };
         if measured.late {
             let (done, all) = (bench.points.len(), all.len());
-            terminal::remark(&format!("the time ran out: {done} of {all} settings were measured"));
+            terminal::remark(&format!("the time ran out (settings measured: {done} of {all})"));
         }
         let name = loaded.graph.source.name.clone();
         let page = page(&bench, &metric, &measured).map_err(|miss| match miss {

@@ -78,7 +78,9 @@ impl Tune {
             let first = bench.outlook(&[bench.preset(PRESETS.len() - 1)]);
             let how = if limit.is_none() { "; `--time` and `--budget` limit the search" } else { "" };
             let (most, first) = (self.budget, outlook_text(&first));
-            shown.line(&format!("up to {most} settings, the preset `reference` first: {first}{how}"));
+            shown.line(&format!(
+                "measures at most {most} settings, beginning with the preset `reference`: {first}{how}"
+            ));
             bench.observe(shown.observer());
         }
         bench.leave_out_resized()?;

@@ -39,7 +39,7 @@ impl Unpack {
             for (name, length, digest) in bundle.files() {
                 text.push_str(&format!("{} {:>10} {name}\n", digest.short(), bytes_text(length)));
             }
-            text.push_str(&format!("{records} distinct results, {values} values\n"));
+            text.push_str(&format!("distinct results: {records}, values: {values}\n"));
             terminal::print(&text)?;
             return Ok(0);
         }

@@ -85,7 +85,7 @@ impl Verify {
         let (tried, known) = (verified.nodes.len(), verified.known);
         let word = if stopped { "interrupted: " } else { "" };
         text.push_str(&format!(
-            "{word}{equal} of {tried} recomputed nodes have bit-identical results; the bundle has results of {known} nodes\n"
+            "{word}nodes recomputed: {tried}, with bit-identical results: {equal}; nodes with results in the bundle: {known}\n"
         ));
         terminal::print(&text)?;
         Ok(if stopped { 130 } else { u8::from(!verified.is_good()) })

@@ -1,5 +1,5 @@
-//! A limit on error or time for a whole run, converted before the run to values that override the graph. These
-//! values are written into the recipes of its pictures, so the pictures can be reproduced.
+//! Converts a limit on the error or the time of a whole run, before the run, to values that override the graph.
+//! These values are written into the recipes of the pictures, so that the pictures can be reproduced.
 
 use std::sync::Arc;
 
@@ -8,12 +8,12 @@ use engine::{Engine, Fate, Forecast, Graph, GraphKnob, overlay_text};
 use super::error::Error;
 use super::graph::Loaded;
 
-/// Name of the parameter of kinds that take samples until an error is reached.
+/// Name of the parameter that makes a node take samples until its error is at most a given value.
 const ERROR: &str = "max_error";
 /// Minimum number of samples.
 const FEWEST: u64 = 4;
 
-/// Values that replace those of the graph: (node, parameter, value).
+/// Values that override the graph, each as (node, parameter, value).
 type Fields = Vec<(String, &'static str, String)>;
 
 /// Settings that override a graph, such as `trace.samples=16`.
@@ -28,8 +28,9 @@ fn no_samples() -> Error {
 }
 
 /// Sets `max_error` of every node that has this parameter. Such a node takes samples until its error is at most
-/// `error` or the maximum number of samples is reached. If a preset reduces this number, the graph's own number is
-/// restored, since the preset is meant for runs without an error bound. Also returns the settings that restore it.
+/// `error` or the maximum number of samples is reached. If a preset reduces this maximum, the value in the graph is
+/// restored, since the preset is meant for runs without an error bound. Also returns the settings that override the
+/// graph.
 pub fn to_error(loaded: Loaded, error: f64) -> Result<(Loaded, Chosen), Error> {
     let takes = |knob: &GraphKnob| knob.parameter == ERROR;
     let knobs = loaded.graph.knobs(&loaded.only).into_iter().filter(takes);
@@ -44,7 +45,7 @@ pub fn to_error(loaded: Loaded, error: f64) -> Result<(Loaded, Chosen), Error> {
     Ok((Loaded { graph, ..loaded }, chosen))
 }
 
-/// The graph's own numbers of samples, for the nodes whose number a preset reduces.
+/// The numbers of samples that the graph itself sets, for the nodes whose number a preset reduces.
 fn raised(loaded: &Loaded) -> Fields {
     let graph = &loaded.graph;
     let bare = graph.source.without_presets();
@@ -63,8 +64,8 @@ fn raised(loaded: &Loaded) -> Fields {
     more.collect()
 }
 
-/// Returns the graph with the minimum number of samples if a node that takes samples has no forecast, and `None` if
-/// all have one. A run of this graph gives all forecasts, and its samples are kept.
+/// Returns the graph with the minimum number of samples if any node that takes samples has no forecast, otherwise
+/// `None`. A run of the returned graph provides the missing forecasts, and its samples are kept.
 pub fn pilot(loaded: &Loaded, engine: &Engine) -> Result<Option<(Arc<Graph>, Chosen)>, Error> {
     let own = samples(&loaded.graph, &loaded.only);
     if own.is_empty() {
@@ -79,8 +80,8 @@ pub fn pilot(loaded: &Loaded, engine: &Engine) -> Result<Option<(Arc<Graph>, Cho
     Ok(untimed.then(|| (graph, settings(&fields(&own, FEWEST)))))
 }
 
-/// Sets the largest number of samples, at most that of the graph, whose forecast fits the time. Returns the
-/// settings and the forecast.
+/// Sets the largest number of samples whose forecast fits the time, but at most the number in the graph. Returns
+/// the settings and the forecast.
 pub fn to_time(loaded: Loaded, engine: &Engine, seconds: f64) -> Result<(Loaded, Chosen, Forecast), Error> {
     let own = samples(&loaded.graph, &loaded.only);
     let mut most = own.iter().map(|(_, n)| *n).max().ok_or_else(no_samples)?;
@@ -113,7 +114,7 @@ fn settings(fields: &Fields) -> Chosen {
     fields.iter().map(|(node, parameter, value)| format!("{node}.{parameter}={value}")).collect()
 }
 
-/// Returns the graph with at most `most` samples per node.
+/// Returns the graph with the number of samples of each node limited to `most`.
 fn capped(graph: &Graph, own: &[(GraphKnob, u64)], most: u64) -> Result<Arc<Graph>, Error> {
     laid(graph, "--time", &fields(own, most))
 }

@@ -2,7 +2,8 @@
 
 use engine::{Engine, Graph, RunOptions};
 
-use super::{Error, on_interrupt};
+use super::engine::on_interrupt;
+use super::error::Error;
 use crate::terminal::{self, Report};
 
 /// Computes nodes whose results are not cached, and prints progress and failures. Returns the exit code of the run.

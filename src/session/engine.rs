@@ -17,11 +17,12 @@ pub struct EngineArgs {
     /// Folder of the cache [env: LIGHTHARMONY_CACHE; default: the user's cache folder]
     #[arg(long, value_name = "DIR")]
     pub cache: Option<PathBuf>,
-    /// Number of threads; 0, the default, is one per core
+    /// Number of threads; 0 (the default) means one per core
     #[arg(long, short, value_name = "N", value_parser = clap::value_parser!(u16).range(..=1024))]
     pub jobs: Option<u16>,
-    /// Memory for values and running nodes, such as 4G; 0, the default, is three quarters of the free memory. Nodes
-    /// wait until their share is free, and a node that needs more than all of it fails before it starts
+    /// Memory for values and running nodes, such as 4G; 0 (the default) means three quarters of the free memory.
+    /// Nodes wait until the memory that they need is free, and a node that needs more than this limit fails before
+    /// it starts
     #[arg(long, value_name = "SIZE")]
     pub memory: Option<String>,
     /// Policy for syncing results to disk; this matters only if the power fails
@@ -41,7 +42,7 @@ pub enum When {
 }
 
 impl EngineArgs {
-    /// Bytes of memory for values; 0 for the default of the engine.
+    /// Memory limit for values in bytes; 0 selects the default of the engine.
     pub fn memory(&self) -> Result<u64, Error> {
         self.memory.as_deref().map_or(Ok(0), size)
     }
@@ -67,7 +68,7 @@ impl EngineArgs {
         Ok(Engine::new(store, self.jobs(), memory))
     }
 
-    /// Number of threads; 0 for the default of the engine.
+    /// Number of threads; 0 selects the default of the engine.
     pub fn jobs(&self) -> usize {
         self.jobs.map_or(0, usize::from)
     }

@@ -72,7 +72,7 @@ impl From<cache::Error> for Error {
     }
 }
 
-/// The chain of causes: the operation, the path and the error of the system.
+/// The text of an error with its causes: the operation, the path and the error of the system.
 pub(super) fn causes(error: cache::Error) -> String {
     engine::NodeError::from(error).to_string()
 }

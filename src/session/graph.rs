@@ -24,15 +24,15 @@ pub struct GraphArgs {
     /// Do all work, even where a check shows that it would not change a byte; for measuring what these checks save
     #[arg(long)]
     pub exhaustive: bool,
-    /// Apply a preset: one of the graph, or draft, preview, final or reference, which set its knobs; may be
-    /// repeated. `--overlay` and `--set` override presets
+    /// Apply a preset of the graph, or one of draft, preview, final and reference, which set the knobs of the
+    /// graph; may be repeated. `--overlay` and `--set` override presets
     #[arg(long, value_name = "NAME")]
     pub preset: Vec<String>,
     /// Apply the values of a file, such as Overlay(nodes: (trace: (samples: 4))); may be repeated
     #[arg(long, value_name = "FILE")]
     pub overlay: Vec<PathBuf>,
-    /// Compute only these nodes and their inputs, separated by commas; default: every sink. `each/frame=5..7` names
-    /// a range of an axis
+    /// Compute only these nodes, separated by commas, and the nodes that they need; default: every sink.
+    /// `each/frame=5..7` names a range of an axis
     #[arg(long, value_name = "NODES", value_delimiter = ',')]
     pub only: Vec<String>,
     /// Compute the nodes of `--only`, or the sinks that write a file per frame, only at these values of the axis
@@ -43,7 +43,7 @@ pub struct GraphArgs {
     /// For a bundle or a picture: a folder whose files the graph may read; may be repeated
     #[arg(long, value_name = "DIR")]
     pub inputs: Vec<PathBuf>,
-    /// For a picture: run its recipe even if kinds have other versions here, which may give another picture
+    /// For a picture: run its recipe even if kinds have other versions here, which may give a different picture
     #[arg(long)]
     pub other_versions: bool,
 }
@@ -52,9 +52,9 @@ pub struct GraphArgs {
 pub struct Loaded {
     pub graph: Arc<Graph>,
     pub only: Vec<usize>,
-    /// The files from which the graph was read: the graph file, its includes and overlays.
+    /// The files from which the graph was read: the graph file, its includes and its overlays.
     pub texts: Vec<PathBuf>,
-    /// Path of the lock of the graph, whether or not it exists.
+    /// Path of the lock file of the graph, whether or not the file exists.
     pub lock: Option<PathBuf>,
     /// Temporary folder of an unpacked bundle.
     pub unpacked: Option<TempFolder>,
@@ -126,7 +126,8 @@ impl GraphArgs {
         })
     }
 
-    /// Updates `known` to the current text of its file; `None` if the two texts differ by more than a small edit.
+    /// Updates `known` to the current text of its file. Returns `None` if the current text differs from the text of
+    /// `known` by more than a small edit.
     fn edited(&self, known: &Arc<Graph>) -> Option<Arc<Graph>> {
         let path = self.graph.canonicalize().ok()?;
         let text = engine::read_text(&path, engine::MAX_GRAPH_BYTES).ok()?;
@@ -136,7 +137,8 @@ impl GraphArgs {
         known.reparse(text, nodes::registry)
     }
 
-    /// Checks a graph that was read, and opens an engine. For a graph with mistakes no cache is created.
+    /// Checks a graph and opens an engine. The graph is checked first, so that no cache is created for a graph with
+    /// mistakes.
     pub fn check_with(
         &self,
         origin: Origin,
@@ -198,7 +200,7 @@ impl GraphArgs {
         Ok(Origin { source, root, lock, recipe, unpacked })
     }
 
-    /// Adds to the mistakes of `--set` a hint on how to write a list of numbers in a shell.
+    /// Adds a hint to mistakes in `--set` that explains how to write a list of numbers in a shell.
     fn with_shell_forms(&self, error: Error) -> Error {
         let Error::Graph(mut mistakes) = error else { return error };
         for setting in &self.set {

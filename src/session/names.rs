@@ -18,7 +18,7 @@ const FRAME: &str = "frame";
 /// Maximum number of names in a message.
 const MOST: usize = 40;
 
-/// The nodes that `--only` and `--frames` select; an empty list if neither is given.
+/// Indices of the nodes that `--only` and `--frames` select; an empty list if neither is given.
 pub fn wanted(graph: &Graph, only: &[String], frames: Option<&str>) -> Result<Vec<usize>, Error> {
     if only.iter().any(|name| name.trim().is_empty()) {
         return Err(Error::usage("`--only` takes names of nodes separated by single commas"));
@@ -30,7 +30,7 @@ pub fn wanted(graph: &Graph, only: &[String], frames: Option<&str>) -> Result<Ve
     }
 }
 
-/// The nodes whose value of the axis `frame` is in a range.
+/// The nodes among `nodes` whose value of the axis `frame` is in the range `frames`.
 fn at_frames(graph: &Graph, nodes: Vec<usize>, frames: &str) -> Result<Vec<usize>, Error> {
     let wrong = || {
         let how = "write the first and the last frame, such as 1001-1050, or one frame, such as 7";
@@ -114,7 +114,8 @@ fn find_all(graph: &Graph, name: &str) -> Result<Vec<usize>, Error> {
     )))
 }
 
-/// The values of an axis at some nodes: all if they are few, otherwise the first and the last.
+/// The values of an axis at some nodes, as text. All values are listed if there are few, otherwise only the first
+/// and the last.
 fn values_of(graph: &Graph, nodes: &[usize], axis: &str) -> String {
     const FEW: usize = 6;
     let value = |&node: &usize| {

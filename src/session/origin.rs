@@ -13,9 +13,9 @@ use super::error::Error;
 pub struct Origin {
     pub source: Source,
     pub root: SourceRoot,
-    /// Path of the lock of the graph, for a graph file or bundle.
+    /// Path of the lock file, if the graph comes from a graph file or a bundle.
     pub lock: Option<PathBuf>,
-    /// The recipe, for a graph from a picture.
+    /// The recipe, if the graph comes from a picture.
     pub recipe: Option<Recipe>,
     /// Temporary folder of an unpacked bundle.
     pub unpacked: Option<TempFolder>,
@@ -44,7 +44,7 @@ pub struct OriginArgs {
     /// For a bundle or a picture: a folder whose files the graph may read; may be repeated
     #[arg(long, value_name = "DIR")]
     pub inputs: Vec<PathBuf>,
-    /// For a picture: run its recipe even if kinds have other versions here, which may give another picture
+    /// For a picture: run its recipe even if kinds have other versions here, which may give a different picture
     #[arg(long)]
     pub other_versions: bool,
 }
@@ -96,8 +96,8 @@ impl Origin {
         )
     }
 
-    /// Opens a graph file. If it is in the folder of an unpacked bundle, it is untrusted as long as that folder
-    /// contains the marker file that `unpack` writes.
+    /// Opens a graph file. The graph file is untrusted if its folder, or a parent of that folder, contains the
+    /// marker file of an unpacked bundle.
     fn own(
         mut source: Source,
         folder: PathBuf,
@@ -153,15 +153,15 @@ impl Origin {
     }
 }
 
-/// Reads the rest of the text of a graph from `from`, up to the maximum length. `bytes` is the part that has
-/// already been read.
+/// Reads the rest of the text of a graph from `from`, up to the maximum length, and returns the whole text. `bytes`
+/// is the part that has already been read.
 fn graph_text(mut bytes: Vec<u8>, from: impl Read) -> std::io::Result<String> {
     let wrong = |what: &str| std::io::Error::new(std::io::ErrorKind::InvalidData, what);
     from.take(LARGEST_GRAPH + 1 - bytes.len() as u64).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > LARGEST_GRAPH {
         return Err(wrong("it is longer than the maximum of 64 MiB"));
     }
-    String::from_utf8(bytes).map_err(|_| wrong("it is not text"))
+    String::from_utf8(bytes).map_err(|_| wrong("it is not UTF-8 text"))
 }
 
 fn confined(folder: &Path, inputs: &[PathBuf]) -> Result<SourceRoot, Error> {

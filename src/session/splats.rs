@@ -16,8 +16,8 @@ use crate::terminal;
 /// The memory limit.
 #[derive(Debug, Clone, Args)]
 pub struct MemoryArgs {
-    /// Maximum memory for the scene, such as 4G; 0, the default, is three quarters of the free memory. A file whose
-    /// header requires more is not read
+    /// Maximum memory for the scene, such as 4G; 0 (the default) means three quarters of the free memory. A file
+    /// whose header requires more is not read
     #[arg(long, value_name = "SIZE")]
     memory: Option<String>,
 }

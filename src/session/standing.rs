@@ -14,9 +14,10 @@ use nodes::math::num;
 use nodes::types::frame::Similarity;
 use nodes::types::{Rig, Splats};
 
-/// Maximum angle, in degrees, between an axis and the measured up direction for the axis to be used in its place.
+/// Maximum angle in degrees between the measured up direction and an axis. If the angle is at most this, the axis
+/// is used as the up direction.
 const STRAIGHT_DEG: f64 = 2.5;
-/// Minimum confidence of a measured up direction for it to be preferred to the usual convention of trainers.
+/// Minimum confidence at which a measured up direction is preferred to the usual convention of trainers.
 const LEANING: f64 = 0.5;
 
 /// The basis on which the up direction was determined.
@@ -82,8 +83,9 @@ fn degrees(a: DVec3, b: DVec3) -> f64 {
     num::atan2(a.cross(b).length(), a.dot(b)).to_degrees()
 }
 
-/// Determines the up axis of the world, the transform of the capture to it, the basis of the decision, and its
-/// confidence. If the format declares an up axis, the loader has already rotated the capture to +z.
+/// Determines the up axis of the world, the transform of the capture to the world, the basis on which the up axis
+/// was determined, and the confidence. If the format declares an up axis, the loader has already rotated the
+/// capture to +z.
 fn upright(measured: Option<&LevelEstimate>, declared: Option<Up>) -> (Up, Option<[f64; 16]>, UpBy, f64) {
     let sure = measured.filter(|found| found.is_sure());
     let leaning = measured.filter(|found| declared.is_none() && found.confidence >= LEANING);

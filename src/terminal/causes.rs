@@ -7,7 +7,7 @@ use engine::{Change, Engine, Fate, Graph, Planned, Role, Why};
 /// The reason why a node runs, in a few words.
 pub fn reason(graph: &Graph, index: usize, fate: &Fate) -> String {
     match fate {
-        Fate::Unwanted => "not wanted".to_owned(),
+        Fate::Unwanted => "not needed by any target".to_owned(),
         Fate::Known => "known".to_owned(),
         Fate::Lost => "known, but removed from the cache: runs again if its values are needed".to_owned(),
         Fate::Runs(Why::New) => "runs: no earlier run is known".to_owned(),
@@ -27,11 +27,12 @@ pub fn reason(graph: &Graph, index: usize, fate: &Fate) -> String {
 pub struct Cause {
     /// Text of the difference, such as `` `pose.yaw_deg` 30.0 -> 35.0 ``.
     pub text: String,
-    /// The input node whose result differs, if that is the cause.
+    /// Index of the input node whose result differs, if that is the cause.
     pub above: Option<usize>,
 }
 
-/// Converts the changes of a node's key to causes. A wire has several fields in a key, which give only one cause.
+/// Converts the changes of a node's key to causes. A wire has several fields in a key. If several of them change,
+/// they give only one cause.
 pub fn causes(graph: &Graph, index: usize, changes: &[Change]) -> Vec<Cause> {
     let node = &graph.nodes[index];
     let mut causes = Vec::new();
@@ -93,8 +94,8 @@ fn source(change: &Change) -> Option<&str> {
     (name == "sources").then(|| rest.split_once("].").map_or(rest, |(_, file)| file).trim_matches('"'))
 }
 
-/// The files of those changes in `sources` whose value on one side, old or new, is missing; `side` selects the
-/// side.
+/// The names of the files that were added to or removed from `sources`. `side` returns the old or the new value of
+/// a change; a file is listed if this value is missing.
 fn files(changes: &[Change], side: impl Fn(&Change) -> &Option<String>) -> Vec<&str> {
     changes.iter().filter(|change| side(change).is_none()).filter_map(source).collect()
 }
@@ -132,7 +133,9 @@ fn plain_cause(graph: &Graph, index: usize, change: &Change) -> String {
     let (old, new) = (value(&change.old), value(&change.new));
     let (name, rest) = change.path.split_once(['[', '.']).unwrap_or((&change.path, ""));
     match name {
-        "kind" | "version" | "profile" => format!("`{}` has another {name}: {old} -> {new}", node.kind.name),
+        "kind" | "version" | "profile" => {
+            format!("`{}` has a different {name}: {old} -> {new}", node.kind.name)
+        }
         "sources" => {
             let file = source(change).unwrap_or(rest);
             format!("`{file}`, which `{}` reads, has different content: {old} -> {new}", node.id)
@@ -151,7 +154,7 @@ pub struct Trail {
     pub roots: Vec<String>,
 }
 
-/// Walks up from a node to the causes of its next or last run.
+/// Follows the causes of a node's next or last run upstream to the first causes.
 pub fn trail(engine: &Engine, graph: &Graph, plan: &[Planned], node: usize) -> Trail {
     let mut trail = Trail { lines: Vec::new(), roots: Vec::new() };
     let mut seen = vec![false; plan.len()];
@@ -188,12 +191,11 @@ pub fn trail(engine: &Engine, graph: &Graph, plan: &[Planned], node: usize) -> T
                 report(changes, &mut trail.lines);
             }
             Fate::Known if !past.is_empty() => {
-                let word = if depth == 0 { " is known; last changed:" } else { " is known; before:" };
-                trail.lines.push(format!("{head}{word}"));
+                trail.lines.push(format!("{head} is known; it last ran after these changes:"));
                 report(&past, &mut trail.lines);
             }
             Fate::Follows(_) => {
-                trail.lines.push(format!("{head} may run, after"));
+                trail.lines.push(format!("{head} may run, depending on:"));
                 let open = |above: &&usize| !matches!(plan[**above].fate, Fate::Known | Fate::Unwanted);
                 above.extend(graph.reads(index).iter().filter(open));
             }

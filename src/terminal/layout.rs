@@ -2,7 +2,7 @@
 
 use textwrap::Options;
 
-/// Width if standard output is not a terminal, in characters.
+/// Width in characters that is used if standard output is not a terminal.
 const WIDTH: usize = 100;
 /// Range of widths in characters. Longer lines are hard to read, and shorter lines leave no space next to a column
 /// of names.
@@ -14,8 +14,8 @@ pub fn width() -> usize {
     width.clamp(*WIDTHS.start(), *WIDTHS.end())
 }
 
-/// The paragraphs of a doc comment, each on one line: lines are joined up to an empty line, an item of a list, or a line of a
-/// table.
+/// The paragraphs of a doc comment, each on one line: lines are joined up to an empty line, an item of a list, or a
+/// line of a table.
 pub fn paragraphs(doc: &str) -> Vec<String> {
     let mut found: Vec<String> = Vec::new();
     let mut open = false;

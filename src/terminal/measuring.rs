@@ -29,7 +29,7 @@ struct State {
 }
 
 impl Measuring {
-    /// A display for `of` settings, if their number is known.
+    /// A display of the progress through `of` settings. `of` is `None` if the number of settings is not known.
     pub fn new(of: Option<usize>) -> Self {
         let target = if std::io::stderr().is_terminal() {
             ProgressDrawTarget::stderr_with_hz(12)
@@ -123,11 +123,13 @@ pub fn outlook_text(outlook: &Outlook) -> String {
         (0, false) => format!("{settings} setting{s}, all results known"),
         (0, true) => format!("{settings} setting{s}, about {known}"),
         (n, false) => {
-            format!("{settings} setting{s}, time unknown, since some kinds have never run (node runs: {n})")
+            format!(
+                "{settings} setting{s}, time unknown, since some kinds have never run (runs of their nodes: {n})"
+            )
         }
         (n, true) => {
             format!(
-                "{settings} setting{s}, more than {known}, since some kinds have never run (node runs: {n})"
+                "{settings} setting{s}, more than {known}, since some kinds have never run (runs of their nodes: {n})"
             )
         }
     }

@@ -47,7 +47,7 @@ pub struct Progress {
     running: BTreeMap<String, Running>,
     /// Number of nodes that may run.
     open: usize,
-    /// Number of the nodes in `open` that are done.
+    /// Number of nodes that are done, of the nodes counted by `open`.
     done: usize,
     /// Time at which the run started.
     begin: f64,
@@ -99,7 +99,8 @@ impl Progress {
         }
     }
 
-    /// Remaining time in seconds, and the number of nodes without a forecast, which are not included in it.
+    /// Remaining time in seconds, and the number of nodes without a forecast. The time does not include these
+    /// nodes.
     fn left(&self, now: f64) -> (f64, usize) {
         let left = self.running.values().map(|node| node.left(now));
         left.fold((self.waiting, self.unknown), |(sum, unknown), left| match left {
@@ -108,8 +109,8 @@ impl Progress {
         })
     }
 
-    /// Fraction of the run that is done, from 0 to 1. It is measured in time if all forecasts are known, otherwise
-    /// in nodes.
+    /// Fraction of the run that is done, from 0 to 1. It is a fraction of the total time if all forecasts are
+    /// known, otherwise a fraction of the number of nodes.
     pub fn fraction(&self, now: f64) -> f64 {
         let (elapsed, (left, unknown)) = ((now - self.begin).max(0.0), self.left(now));
         let of = if unknown == 0 && elapsed + left > 0.0 {

@@ -1,4 +1,4 @@
-//! Turns events into a bar and lines on a terminal, plain lines elsewhere, or JSON lines.
+//! Prints events: as lines and a progress bar on a terminal, as lines elsewhere, or as JSON lines.
 
 use std::collections::BTreeSet;
 use std::io::{IsTerminal, Write};
@@ -60,7 +60,7 @@ impl Report {
         }))
     }
 
-    /// True if a bar with a forecast is shown, which requires a plan.
+    /// True if a progress bar with a forecast is shown. The forecast requires a plan.
     pub fn shows_forecast(&self) -> bool {
         matches!(self, Report::Lines(lines) if !lines.bar.is_hidden())
     }

@@ -1,4 +1,4 @@
-//! Progress and interruption of training.
+//! Shows the progress of training, and handles its interruption.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

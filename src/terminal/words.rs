@@ -11,12 +11,9 @@ pub fn forecast_text(forecast: &Forecast) -> String {
     match (*untimed, known) {
         (0, None) => {}
         (0, Some(known)) => text.push_str(&format!(", {known}")),
-        (n, _) if n == *open => text.push_str(", time unknown: their kinds have never run"),
-        (n, None) => text.push_str(&format!(", time unknown: the kinds of {n} of them have never run")),
+        (n, None) => text.push_str(&format!(", time unknown (nodes whose kind has never run: {n})")),
         (n, Some(known)) => {
-            text.push_str(&format!(
-                ", time unknown: the kinds of {n} of them have never run; the others take {known}"
-            ));
+            text.push_str(&format!(", {known} without the nodes whose kind has never run (number: {n})"));
         }
     }
     text
@@ -87,11 +84,11 @@ mod tests {
         let text = |open, seconds, untimed| forecast_text(&Forecast { open, wanted: 9, seconds, untimed });
         assert_eq!(text(0, 0.0, 0), "0 of 9 nodes may run");
         assert_eq!(text(5, 8.0, 0), "5 of 9 nodes may run, about 8.00 s");
-        assert_eq!(text(5, 0.0, 5), "5 of 9 nodes may run, time unknown: their kinds have never run");
+        assert_eq!(text(5, 0.0, 5), "5 of 9 nodes may run, time unknown (nodes whose kind has never run: 5)");
         let some = text(5, 0.43, 2);
         assert_eq!(
             some,
-            "5 of 9 nodes may run, time unknown: the kinds of 2 of them have never run; the others take about 0.43 s"
+            "5 of 9 nodes may run, about 0.43 s without the nodes whose kind has never run (number: 2)"
         );
     }
 }

@@ -39,7 +39,7 @@ fn damage_is_named_put_aside_and_made_again() {
     let place = place();
     let bytes = place.outputs();
     let (code, text) = printed(&place, &["stat"]);
-    assert!(code == 0 && text.contains("2 records"), "{text}");
+    assert!(code == 0 && text.contains("results  2\n"), "{text}");
     assert_eq!(printed(&place, &["verify"]).0, 0);
     let blobs = large_blobs(&place);
     assert_eq!(blobs.len(), 1, "the file of the sink");
@@ -61,24 +61,24 @@ fn damage_is_named_put_aside_and_made_again() {
 fn collecting_pinning_and_copying() {
     let place = place();
     let (code, text) = printed(&place, &["gc", "--max-size", "0", "--dry-run"]);
-    assert!(code == 0 && text.starts_with("would remove 2 results"), "{text}");
+    assert!(code == 0 && text.starts_with("would be removed: results 2,"), "{text}");
     let (code, text) = printed(&place, &["copy", "--to", "other", "graph.ron"]);
-    assert!(code == 0 && text.starts_with("copied 2 results"), "{text}");
+    assert!(code == 0 && text.starts_with("copied to other (results: 2)"), "{text}");
     let (code, text) = printed(&place, &["copy", "--to", "whole"]);
-    assert!(code == 0 && text.starts_with("copied 2 results"), "everything: {text}");
+    assert!(code == 0 && text.starts_with("copied to whole (results: 2)"), "everything: {text}");
     assert_eq!(printed(&place, &["pin"]), (0, "nothing is pinned\n".to_owned()));
     let (code, text) = printed(&place, &["pin", "graph.ron"]);
-    assert!(code == 0 && text.contains("pinned 2 known results of 2 nodes"), "{text}");
+    assert!(code == 0 && text.contains("graph.ron (known results: 2, nodes: 2)"), "{text}");
     let (code, text) = printed(&place, &["gc", "--max-size", "0"]);
-    assert!(code == 0 && text.contains("2 results are pinned and are kept"), "{text}");
+    assert!(code == 0 && text.contains("pinned results, which are kept: 2\n"), "{text}");
     assert_eq!(place.run(&[]).good().nodes("cached"), ["pic", "save"]);
-    assert!(printed(&place, &["stat"]).1.contains("graph.ron: 2 records"));
+    assert!(printed(&place, &["stat"]).1.contains("graph.ron (results: 2)\n"));
     assert_eq!(printed(&place, &["pin", "graph.ron", "--remove"]).0, 0);
     assert!(!printed(&place, &["stat"]).1.contains("graph.ron"));
-    assert!(printed(&place, &["gc", "--max-size", "0"]).1.starts_with("removed 2 results"));
+    assert!(printed(&place, &["gc", "--max-size", "0"]).1.starts_with("removed: results 2,"));
     assert_eq!(place.run(&["--cache", "other"]).good().nodes("cached"), ["pic", "save"], "from the copy");
     assert_eq!(place.run(&[]).good().nodes("ran"), ["pic", "save"]);
-    assert!(printed(&place, &["gc", "--max-age", "1d"]).1.starts_with("removed 0 results"), "just used");
+    assert!(printed(&place, &["gc", "--max-age", "1d"]).1.starts_with("removed: results 0,"), "just used");
 }
 
 #[test]

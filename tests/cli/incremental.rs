@@ -1,4 +1,4 @@
-//! Tests which nodes run again after an edit, according to the events of real runs.
+//! Tests that only the right nodes run again after an edit, according to the events of real runs.
 
 use crate::{INSERT, Place, RunLog};
 
@@ -81,9 +81,9 @@ const FLOOR: &str = "ply\nformat ascii 1.0\nelement vertex 8\nproperty float x\n
     element face 4\nproperty list uchar int vertex_indices\nend_header\n-3 -3 0\n3 -3 0\n3 3 0\n-3 3 0\n\
     -0.1 -0.1 0.03\n0.1 -0.1 0.03\n0.1 0.1 0.03\n-0.1 0.1 0.03\n3 0 1 2\n3 0 2 3\n3 4 5 6\n3 4 6 7\n";
 
-/// After a change of `metres_per_unit`, with the object scaled so that it keeps its size in the picture, all inputs
-/// of the trace have the same bytes, but `contact_metres` is a different distance in world units. The parts of the
-/// trace that depend on this distance run again.
+/// `metres_per_unit` is changed, and the object is scaled so that it keeps its size in the picture. All inputs of
+/// the trace then have the same bytes, but `contact_metres` is a different distance in world units. The parts of
+/// the trace that depend on this distance run again.
 #[test]
 fn what_another_metre_changes_is_traced_again() {
     let graph = |metres_per_unit: f64| {
@@ -122,7 +122,7 @@ fn what_another_metre_changes_is_traced_again() {
 }
 
 /// `--exhaustive` is part of the keys of kinds that have checks to skip work, so the nodes of these kinds run
-/// again. Since their outputs are equal byte for byte, the nodes below them do not run.
+/// again. Since their outputs are equal byte for byte, the nodes downstream of them do not run.
 #[test]
 fn exhaustive_runs_do_all_work_and_change_nothing() {
     let place = Place::new(INSERT);

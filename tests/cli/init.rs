@@ -5,7 +5,8 @@ use std::fmt::Write as _;
 use crate::Place;
 use crate::incremental::OBJECT;
 
-/// A yard of 8 by 8 units with a wall on two sides and a box, -y up and rotated by `tilt` about z, as an INRIA PLY.
+/// An INRIA PLY file of a yard of 8 by 8 units that has walls on two sides and contains a box. The up axis is -y,
+/// rotated by `tilt` about z.
 fn yard(tilt: f64) -> Vec<u8> {
     let fields = "x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3";
     let mut rows: Vec<[f32; 14]> = Vec::new();

@@ -11,8 +11,8 @@ fn rounds() -> usize {
     std::env::var("LIGHTHARMONY_KILLS").ok().and_then(|n| n.parse().ok()).unwrap_or(12)
 }
 
-/// Kills a run after this many lines of output, so that the moments are spread over the run on a machine of any
-/// speed.
+/// Kills a run after it has printed `lines` lines. Unlike times, numbers of lines are spread over the run on a
+/// machine of any speed.
 fn kill_after(place: &Place, lines: usize) {
     let mut command = place.command(&["run", "graph.ron", "--json"]);
     let mut child = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
@@ -40,7 +40,7 @@ fn killed_runs_leave_nothing_wrong_behind() {
     }
 }
 
-/// A graph with a picture, a report and a few blobs: it writes all types of files, in milliseconds.
+/// A graph with a picture, a report and a few blobs. It writes files of all types within milliseconds.
 const TINY: &str = r#"Graph(
     version: 1,
     scene: (up: "+z", seed: 3),

@@ -8,8 +8,8 @@ fn read(bytes: &[u8]) -> Planes {
     exr::read("file", bytes).unwrap_or_else(|e| panic!("{e}"))
 }
 
-/// `graphs/files.ron` with a small generated place instead of the files, and the picture in linear light as an
-/// additional output.
+/// The text of `graphs/files.ron`, changed to use a small generated place instead of files and to write the picture
+/// in linear light as an additional output.
 fn files() -> String {
     let text = include_str!("../../graphs/files.ron");
     let loaders = [

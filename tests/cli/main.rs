@@ -1,4 +1,4 @@
-//! Tests of the program as a person runs it: the real binary, real files, small pictures.
+//! Tests that run the program as a user does: the real binary, with real files and small pictures.
 #![allow(clippy::unwrap_used, missing_docs, reason = "a test may stop at the first surprise")]
 
 mod bytes;
@@ -26,7 +26,7 @@ use std::process::{Command, Output};
 
 use serde_json::Value;
 
-/// A whole insertion in a small demo scene, with the cheapest value of every knob.
+/// A graph of a whole insertion into a small demo scene, with the cheapest value of every knob.
 pub const INSERT: &str = r#"Graph(
     version: 1,
     scene: (up: "+z", seed: 3),
@@ -88,7 +88,7 @@ impl Place {
         self.command(arguments).output().unwrap()
     }
 
-    /// Runs `run graph.ron --json` with additional arguments.
+    /// Runs `lightharmony run graph.ron --json` with additional arguments.
     pub fn run(&self, arguments: &[&str]) -> RunLog {
         let output = self.call(&[&["run", "graph.ron", "--json"], arguments].concat());
         let text = String::from_utf8(output.stdout).unwrap();

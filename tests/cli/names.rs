@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use crate::Place;
 
-/// A graph with six frames of a small picture, and a film of them.
+/// A graph that renders six frames of a small picture, and a film of these frames.
 const FRAMES: &str = r#"Graph(
     version: 1,
     scene: (up: "+z"),

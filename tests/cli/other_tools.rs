@@ -1,10 +1,10 @@
-//! Tests of whole graphs with files as other tools write them.
+//! Tests of whole graphs that read files in the form in which other tools write them.
 
 use std::fmt::Write as _;
 
 use crate::{INSERT, Place};
 
-/// A few round splats around the origin, as INRIA PLY in ASCII.
+/// An ASCII INRIA PLY file with a few round splats around the origin.
 fn ball() -> String {
     let fields = "x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3";
     let mut text = "ply\nformat ascii 1.0\nelement vertex 20\n".to_owned();
@@ -17,7 +17,7 @@ fn ball() -> String {
     text
 }
 
-/// A file of `count` cameras next to each other, as nerfstudio writes it on Windows.
+/// A camera file in the form that nerfstudio writes on Windows, with `count` cameras next to each other.
 fn ring(count: usize, size: [u32; 2]) -> String {
     let frames: Vec<String> = (0..count)
         .map(|i| {
@@ -72,7 +72,7 @@ fn the_cameras_of_a_file_are_an_axis() {
     place.run(&[]).good();
 }
 
-/// With an axis over the cameras, a plan for 300 views requests the memory for one view, not for 300.
+/// With an axis over the cameras, a graph of 300 views needs the memory for one view, not for 300.
 #[test]
 fn three_hundred_views_do_not_ask_for_the_memory_of_all() {
     let place = Place::new(VIEWS);

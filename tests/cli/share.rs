@@ -22,7 +22,7 @@ fn radiance(shift: u8) -> Vec<u8> {
     bytes
 }
 
-/// A project in its own folder, whose graph reads a file next to it and a file elsewhere.
+/// A folder with a graph that reads a file next to the graph and a file in another folder.
 fn place() -> Place {
     let place = Place::new("");
     for folder in ["project", "photos"] {
@@ -43,7 +43,7 @@ fn good(output: Output) -> String {
     text(&output.stdout)
 }
 
-/// Checks the exit code and returns the error message.
+/// Checks that the exit code is `code`, and returns the error message.
 fn bad(output: Output, code: i32) -> String {
     assert_eq!(output.status.code(), Some(code), "{}{}", text(&output.stdout), text(&output.stderr));
     text(&output.stderr)
@@ -89,7 +89,7 @@ fn a_bundle_is_verified_and_run_elsewhere() {
     let differences = here.call(&["diff", "project/graph.ron", "a.lhb"]);
     assert_eq!(differences.status.code(), Some(1));
     let differences = text(&differences.stdout);
-    assert!(differences.contains("~ photo.path") && differences.contains("6 results compared, all equal"));
+    assert!(differences.contains("~ photo.path") && differences.contains("results compared: 6, all equal"));
 }
 
 #[test]
@@ -276,7 +276,10 @@ fn a_locked_run_refuses_what_differs() {
     good(place.call(&["run", "project/graph.ron"]));
     assert!(bad(place.call(&["run", "project/graph.ron", "--locked"]), 2).contains("graph.lock"));
     let reported = good(place.call(&["lock", "project/graph.ron"]));
-    assert!(reported.ends_with("graph.lock: 2 inputs, 3 kinds, 6 results of 6 nodes\n"), "{reported}");
+    assert!(
+        reported.ends_with("graph.lock (inputs: 2, kinds: 3, nodes with a result: 6 of 6)\n"),
+        "{reported}"
+    );
     good(place.call(&["run", "project/graph.ron", "--locked", "--cache", "fresh"]));
     std::fs::write(place.path("photos/small.hdr"), radiance(1)).unwrap();
     let errors = bad(place.call(&["run", "project/graph.ron", "--locked"]), 2);
@@ -292,7 +295,7 @@ fn what_differs_is_reported_in_the_terms_of_pictures() {
     let place = place();
     good(place.call(&["run", "project/graph.ron"]));
     let same = place.call(&["diff", "project/graph.ron", "project/graph.ron"]);
-    assert_eq!(good(same), "the graphs are equal\n6 results compared, all equal\n");
+    assert_eq!(good(same), "the graphs are equal\nresults compared: 6, all equal\n");
     good(place.call(&["run", "project/graph.ron", "--set", "mask.encoding=Linear"]));
     let other = ["diff", "project/graph.ron", "project/graph.ron", "--set-b", "mask.encoding=Linear"];
     let reported = text(&place.call(&other).stdout);
@@ -338,7 +341,7 @@ fn a_bundle_without_values_is_no_damage_and_reports_of_what_was_asked_for() {
     for seed in ["0", "1", "2", "3"] {
         let reported = place.call(&["verify", "c.lhb", "--sample", "1", "--seed", seed]);
         assert!(reported.stderr.is_empty(), "{}", text(&reported.stderr));
-        assert!(good(reported).contains("1 of 1 recomputed nodes have bit-identical results"));
+        assert!(good(reported).contains("nodes recomputed: 1, with bit-identical results: 1;"));
     }
     good(place.call(&["unpack", "c.lhb", "c", "--trust-results", "--cache", "trusting"]));
     let reported = place.call(&["run", "c/graph.ron", "--cache", "trusting", "--out", "again"]);
@@ -353,8 +356,12 @@ fn a_difference_says_what_was_not_compared_and_pictures_need_no_files() {
     let reported =
         place.call(&["diff", "project/graph.ron", "project/graph.ron", "--set-b", "jpeg.quality=50"]);
     let printed = text(&reported.stdout);
-    assert!(printed.contains("5 results compared, all equal\n"), "{printed}");
-    assert!(printed.ends_with("the second graph has no known result of jpeg; run it first\n"), "{printed}");
+    assert!(printed.contains("results compared: 5, all equal\n"), "{printed}");
+    assert!(
+        printed
+            .ends_with("no result is known for these nodes of the second graph: jpeg; run the graph first\n"),
+        "{printed}"
+    );
 
     std::fs::copy(place.path("out/deep/view.png"), place.path("t1.png")).unwrap();
     std::fs::copy(place.path("out/deep/view.png"), place.path("t2.png")).unwrap();
@@ -362,7 +369,7 @@ fn a_difference_says_what_was_not_compared_and_pictures_need_no_files() {
     assert_eq!(printed, "the graphs are equal\npictures: equal\n");
     good(place.call(&["run", "project/graph.ron", "--only", "save", "--set", "save.recipe=false"]));
     let printed = good(place.call(&["diff", "t1.png", "out/deep/view.png"]));
-    assert_eq!(printed, "out/deep/view.png carries no recipe\npictures: equal\n");
+    assert_eq!(printed, "`out/deep/view.png` contains no recipe\npictures: equal\n");
     std::fs::write(place.path("photos/small.hdr"), radiance(1)).unwrap();
     good(place.call(&["run", "project/graph.ron", "--only", "save", "--set", "photo.encoding=Linear"]));
     let reported = place.call(&["diff", "t1.png", "out/deep/view.png"]);

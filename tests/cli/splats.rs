@@ -4,8 +4,8 @@ use std::fmt::Write as _;
 
 use crate::Place;
 
-/// An INRIA PLY with a floor of flat splats and round splats above it. +z is up, and the width is 10 times `scale`.
-/// `log` must be the logarithm of `scale`.
+/// An INRIA PLY file with a floor of flat splats, and with round splats above the floor. +z is up, and the floor is
+/// 10 times `scale` wide. `log` must be the natural logarithm of `scale`.
 fn room(scale: f32, log: f32) -> Vec<u8> {
     let fields = "x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3";
     let mut text = "ply\nformat binary_little_endian 1.0\nelement vertex 900\n".to_owned();
@@ -92,12 +92,18 @@ fn converting_makes_no_folder_and_no_empty_scene() {
     std::fs::write(place.path("broken.ply"), broken).unwrap();
     let (code, text) = printed(&place.call(&["convert", "broken.ply", "a.spz"]));
     assert!(code == Some(1) && text.contains("no splat that can be drawn"), "{text}");
-    assert!(text.contains("900 splats of `broken.ply` with a field that is NaN"), "{text}");
+    assert!(
+        text.contains("900 of the splats of `broken.ply` had to be dropped because of a field that is NaN"),
+        "{text}"
+    );
     assert!(!place.path("a.spz").exists());
     // Splats of 1000 units are shortened to 379, which is reported as a warning.
     std::fs::write(place.path("large.ply"), room(1.0, 10.8)).unwrap();
     let (code, text) = printed(&place.call(&["convert", "large.ply", "large.spz", "--up", "+z"]));
-    assert!(code == Some(0) && text.contains("warning 2100 of 2700 axes are longer than"), "{text}");
+    assert!(
+        code == Some(0) && text.contains("warning splat axes longer than") && text.contains("(2100 of 2700)"),
+        "{text}"
+    );
 }
 
 /// A picture of a few bytes that claims 400 million pixels is refused from its header. This test fails if

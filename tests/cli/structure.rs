@@ -6,7 +6,7 @@ use std::path::Path;
 #[allow(dead_code, reason = "the rooms of the program are in no table")]
 mod arrows;
 
-/// The modules from the lowest to the highest: a file imports only from its own module and those below.
+/// The modules from the lowest to the highest: a file imports only from its own module and from lower modules.
 const ROOMS: [&str; 3] = ["terminal", "session", "commands"];
 
 // The files in the folder of a command belong to that command alone.

@@ -25,7 +25,8 @@ fn knobs_tell_what_they_reach_and_presets_set_them() {
     assert_eq!(line.split_whitespace().nth(2), Some("16"), "{text}");
 }
 
-/// `--max-error` sets `max_error` of the nodes that take samples. A run that does not reach this error is degraded.
+/// `--max-error` sets `max_error` of the nodes that take samples. The result of a run that does not reach this
+/// error is degraded.
 #[test]
 fn a_run_is_given_an_error() {
     let place = Place::new(INSERT);
@@ -175,8 +176,8 @@ fn a_photograph_is_a_background_and_what_no_knob_reaches_is_left_out() {
     assert!(code == Some(2) && reported.contains("no knob changes `photo`"), "{reported}");
 }
 
-/// A preset that sets a field which varied along an axis changes the nodes of the graph. Comparing its pictures
-/// with those of other presets then fails, and the error states this reason.
+/// A preset that sets a field that varies along an axis changes the nodes of the graph. A comparison of its
+/// pictures with the pictures of other presets then fails, and the error states this reason.
 #[test]
 fn a_preset_that_takes_an_axis_away_is_named() {
     let graph = r#"Graph(version: 1, scene: (up: "+z"), axes: (q: List([4, 16])),

@@ -1,8 +1,9 @@
-//! Tests of one graph with twelve pictures: nodes that the rotation does not affect run once.
+//! Tests of a graph with twelve pictures of a rotating object. Nodes that the rotation does not affect run only
+//! once.
 
 use crate::{INSERT, Place};
 
-/// A whole insertion at 12 angles.
+/// A graph of a whole insertion, with the object at 12 angles.
 fn turntable() -> String {
     INSERT
         .replace("nodes: (", "axes: (frame: Range(0, 12)),\n    nodes: (")

@@ -1,4 +1,4 @@
-//! Tests of `watch` as a front end uses it: JSON lines, real files, notifications of the system.
+//! Tests of `watch` as a front end uses it, with JSON lines, real files, and file notifications from the system.
 
 use std::io::{BufRead, BufReader};
 use std::process::{Child, ChildStdout, Stdio};
@@ -17,7 +17,7 @@ const GRAPH: &str = r#"Graph(
 )
 "#;
 
-/// A picture of one pixel whose brightness is proportional to two to the power of `exponent`.
+/// A picture of one pixel whose brightness is proportional to 2^`exponent`.
 fn photo(exponent: u8) -> Vec<u8> {
     let head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 1\n";
     [head.as_slice(), &[128, 64, 32, exponent]].concat()

@@ -1,7 +1,7 @@
-//! Checks `docs/evidence/extremes.md`, which has a row for each extreme, with the tests of this extreme and the
-//! values that they measured.
+//! Checks `docs/evidence/extremes.md`. That page has a row for each extreme case, which lists the tests of the case
+//! and the values that they measured.
 //!
-//! `rows.tsv` has the rows and names the tests of each. `mutations.tsv` has changes of expressions that make the
+//! `rows.tsv` has the rows and the names of the tests. `mutations.tsv` lists changes of expressions that make the
 //! tests fail; `tests/extremes/mutate.py` applies them. `tests/extremes/page` writes the page. The tests in this
 //! file check that the page agrees with the table and the sources, and that the expressions of the mutations still
 //! exist.
@@ -11,8 +11,8 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-/// The rows. Their columns are the node, the extreme, the expectation, the reason for the bound, and the names of
-/// the tests.
+/// The rows. Their columns are the node, the extreme case, the expectation, the reason for the bound, and the names
+/// of the tests.
 const ROWS: &str = include_str!("rows.tsv");
 
 /// The mutations. Their columns are the test, the file, the expression, and its replacement. If the expression
@@ -23,14 +23,14 @@ const MUTATIONS: &str = include_str!("mutations.tsv");
 #[derive(Debug)]
 struct Test {
     name: String,
-    /// Path relative to the workspace.
+    /// Path of the source file, relative to the workspace.
     file: String,
 }
 
 /// A changed expression that a test must detect.
 struct Mutation {
     test: &'static str,
-    /// Path relative to the workspace.
+    /// Path of the file with the expression, relative to the workspace.
     file: &'static str,
     before: &'static str,
     after: &'static str,
@@ -65,7 +65,7 @@ fn workspace() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 
-/// Adds the source files below a folder, in order of path.
+/// Adds the source files in a folder and its subfolders to `into`, in order of path.
 fn sources(folder: &Path, into: &mut Vec<PathBuf>) {
     let mut entries: Vec<PathBuf> = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).collect();
     entries.sort();
@@ -119,7 +119,7 @@ fn tests_of_rows() -> BTreeMap<usize, Vec<Test>> {
     rows.map(|(index, line)| (index + 1, names(line).map(test).collect())).collect()
 }
 
-/// For each quantity that the tests of a row measured: its largest value, with its bound.
+/// The largest value of each quantity that the tests of a row measured, with its bound, as text.
 fn measured(folder: &Path, row: usize) -> String {
     let text = std::fs::read_to_string(folder.join(format!("{row:02}.tsv"))).unwrap_or_default();
     let value = |line: &str| -> Option<(String, (f64, f64))> {
@@ -225,8 +225,9 @@ fn every_row_has_a_mutation_of_an_expression_in_the_sources() {
     assert!(untried.is_empty(), "mutations.tsv has none for rows {untried:?}");
 }
 
-/// The page agrees with the table. If `LIGHTHARMONY_ROWS` names a folder, the page is written with the values
-/// measured there. If `UPDATE_GOLDEN` is set, the page is written from the table and keeps its measured values.
+/// The page agrees with the table. If `LIGHTHARMONY_ROWS` names a folder, the page is written with the measured
+/// values in that folder. If `UPDATE_GOLDEN` is set, the page is written from the table and keeps its measured
+/// values.
 #[test]
 fn the_page_agrees_with_the_table() {
     let path = workspace().join("docs/evidence/extremes.md");

@@ -1,10 +1,10 @@
-//! Reports a measured value to the table of extremes. This file is compiled into every test crate that has such
-//! rows, since a separate crate of twenty lines would be a dependency of all of them.
+//! Reports a measured value as a row of the page of extreme cases. Each test crate that reports such rows includes
+//! this file as a module, because twenty lines do not justify a crate.
 
-/// Checks a measured value against the bound of row `number` of `docs/evidence/extremes.md`, and reports it to the page
-/// if `LIGHTHARMONY_ROWS` names a folder. Call it from a test that is named in `tests/extremes/rows.tsv` and for
-/// which `tests/extremes/mutations.tsv` has a change that makes it fail. `what` names the measured quantity with
-/// its unit; a test may measure several. NaN is outside every bound.
+/// Checks a measured value against the bound of row `number` of `docs/evidence/extremes.md`, and saves it for that
+/// page if `LIGHTHARMONY_ROWS` names a folder. Call it from a test that is named in `tests/extremes/rows.tsv` and
+/// for which `tests/extremes/mutations.tsv` has a change that makes it fail. `what` names the measured quantity
+/// with its unit; a test may measure several. NaN is outside every bound.
 #[track_caller]
 #[allow(clippy::expect_used, reason = "a page without its values would be worse")]
 pub fn row(number: u32, what: &str, measured: f64, bound: f64) {

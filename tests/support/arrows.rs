@@ -1,7 +1,8 @@
 //! Reads which files of a crate import which, for tests of its structure.
 //!
 //! A crate consists of *rooms*: the folders of its `src`, in a fixed order. A file may import from files of its own
-//! room and of the rooms below it. Comments, `$crate` in macros and unit tests are ignored.
+//! room and of the rooms below it. Paths below `crate::`, `super::` and `self::` and below the modules that a file
+//! declares are read. Comments, `$crate` in macros, `pub(in ..)` and unit tests are ignored.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -104,6 +105,7 @@ fn paths_named(module: &str, text: &str) -> BTreeSet<String> {
     let code = code.split("#[cfg(test)]\n#[allow(clippy::unwrap_used").next().unwrap_or_default();
     let code: String =
         code.lines().map(|line| line.split("//").next().unwrap_or_default()).collect::<Vec<_>>().join("\n");
+    let code = without_visibility(&code);
     let mut paths = BTreeSet::new();
     for (at, word) in code.match_indices("crate::") {
         let before = code[..at].chars().next_back();
@@ -126,7 +128,33 @@ fn paths_named(module: &str, text: &str) -> BTreeSet<String> {
         read_tree(rest, &parts.join("::"), &mut paths);
         parts = whole;
     }
+    let own = parts.join("::");
+    for name in declared(&code).chain(["self"]) {
+        let word = format!("{name}::");
+        for (at, _) in code.match_indices(&word) {
+            let before = code[..at].chars().next_back();
+            if !before.is_some_and(|c| c.is_alphanumeric() || ['_', ':', '$'].contains(&c)) {
+                let start = if name == "self" { at + word.len() } else { at };
+                read_tree(&code[start..], &own, &mut paths);
+            }
+        }
+    }
     paths
+}
+
+/// The names of the modules that a file declares, except modules within braces.
+fn declared(code: &str) -> impl Iterator<Item = &str> {
+    code.lines().filter(|line| !line.starts_with(' ')).filter_map(|line| {
+        let (before, name) = line.strip_suffix(';')?.rsplit_once("mod ")?;
+        (before.is_empty() || before.starts_with("pub")).then_some(name)
+    })
+}
+
+/// Removes the paths of `pub(in ..)`, which are not imports.
+fn without_visibility(code: &str) -> String {
+    let mut pieces = code.split("pub(in ");
+    let first = pieces.next().unwrap_or_default().to_owned();
+    pieces.fold(first, |text, piece| text + piece.split_once(')').map_or(piece, |(_, rest)| rest))
 }
 
 /// Reads one tree of a `use` item, `a::{b, c::d}`, and returns the text after it.
@@ -163,10 +191,14 @@ fn read_tree<'t>(text: &'t str, above: &str, paths: &mut BTreeSet<String>) -> &'
 #[test]
 fn arrows_are_read() {
     let text = "//! crate::docs::no\nuse crate::a::{self, b::C, d::{E, F as G}};\nuse super::near;\n\
-        fn f() -> crate::up::X { $crate::macros::no(); super::super::root(); }\n#[cfg(test)]\nmod tests { use crate::t; }";
+        fn f() -> crate::up::X { $crate::macros::no(); super::super::root(); }\nmod inner;\npub(crate) mod open;\n\
+        use inner::{I, J};\npub(in super::super) fn g() { open::k(); a::inner::no(); self::l() }\n\
+        #[cfg(test)]\nmod tests { use crate::t; }";
     let named = paths_named("room/file", text);
+    let own = ["inner::I", "inner::J", "open::k", "l"].map(|path| format!("room::file::{path}"));
     let wanted = ["a::self", "a::b::C", "a::d::E", "a::d::F", "room::near", "up::X", "root"];
-    assert_eq!(named, wanted.map(String::from).into());
+    let wanted = wanted.map(String::from).into_iter().chain(own);
+    assert_eq!(named, wanted.collect());
     let file = |paths: &[&str]| paths.iter().map(|path| (*path).to_owned()).collect();
     let crate_files = Imports::from([
         ("low/a".to_owned(), file(&["low::b::X", "high::c::Y"])),

@@ -3,7 +3,8 @@
 
     tests/tables/imports.py [CHECKOUT]
 
-Imports are read as by tests/support/arrows.rs: paths below `crate::` and `super::` in code, without unit tests. Product code
+Imports are read as by tests/support/arrows.rs: paths below `crate::`, `super::` and `self::` and below the modules that a
+file declares, in code, without unit tests. Product code
 is everything but tests, benches, fuzz targets and extras.
 """
 
@@ -50,12 +51,18 @@ def tree(text, above, paths):
 
 def imports(module, text, known):
     """The modules that a file names."""
-    code, paths = re.sub(r"//[^\n]*", "", text), []
+    code, paths = re.sub(r"//[^\n]*|pub\(in [^)]*\)", "", text), []
     for at in re.finditer(r"(?<![\w$])crate::", code):
         tree(code[at.end():], [], paths)
     for at in re.finditer(r"(?<!super::)(?:super::)+", code):
         above = module.split("/")[: -len(at.group()) // len("super::")]
         tree(code[at.end():], above, paths)
+    inside = "" if module in ("lib", "main") else "|self"
+    children = "|".join(re.findall(r"^(?:pub(?:\([^)]*\))? )?mod (\w+);", code, re.M)) + inside
+    for at in re.finditer(rf"(?<![\w:$])(?:{children})::", code) if children else ():
+        # `self` is the file's own module.
+        start = at.end() if at.group() == "self::" else at.start()
+        tree(code[start:], [] if module in ("lib", "main") else module.split("/"), paths)
     for path in paths:
         names = ("/".join(path[:length]) for length in range(len(path), 0, -1))
         name = next((name for name in names if name in known), module)
@@ -75,6 +82,10 @@ def circles(arrows):
 
     reach = {name: reached(name) for name in arrows}
     groups = {frozenset(other for other in reach[name] if name in reach[other]) for name in arrows if name in reach[name]}
+    if os.environ.get("CIRCLES"):
+        for group in sorted(map(sorted, groups)):
+            edges = ", ".join(f"{a.removeprefix(group[0])} -> {b.removeprefix(group[0])}" for a in group for b in sorted(arrows[a]) if b in group)
+            print(f"{group[0]}: {edges}", file=sys.stderr)
     return sorted(map(len, groups), reverse=True)
 
 

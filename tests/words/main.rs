@@ -1,9 +1,9 @@
-//! Checks for plain English in comments, messages and pages: fails on the words of `words.tsv`, which lists a
-//! replacement for each.
+//! Checks that comments, messages and pages are in plain English. The test fails on the words in `words.tsv`, which
+//! lists a replacement for each.
 //!
 //! A pattern is a sequence of words and punctuation; `*` stands for any word, and `^` for the start of a doc
-//! comment. `allowed.txt` has longer phrases in which a pattern is right. Code between backticks or in a fence does
-//! not count.
+//! comment. `allowed.txt` lists longer phrases in which a pattern is permitted. Code between backticks or in a
+//! fence is ignored.
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test may stop at the first surprise")]
 
 mod text;
@@ -44,7 +44,7 @@ fn patterns() -> Vec<(Vec<&'static str>, &'static str)> {
     WORDS.lines().map(row).map(|(pattern, instead)| (split(pattern), instead)).collect()
 }
 
-/// True if `phrase` begins at `at`.
+/// True if the phrase begins at the token with index `at`.
 fn stands(tokens: &[Token], at: usize, phrase: &[&str]) -> bool {
     let word = |token: &Token| token.0.chars().any(char::is_alphanumeric);
     tokens.len() >= at + phrase.len()
@@ -85,7 +85,7 @@ fn found(passage: &Passage) -> Vec<(usize, String, &'static str)> {
     found
 }
 
-/// Adds the files below a path that contain prose, in order of path.
+/// Adds the files that contain prose, in `path` and its subfolders, to `into`, in order of path.
 fn files(path: &Path, into: &mut Vec<PathBuf>) {
     if path.is_dir() {
         let mut entries: Vec<PathBuf> =

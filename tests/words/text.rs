@@ -9,7 +9,7 @@ pub enum Origin {
     Other,
 }
 
-/// Consecutive prose: the lines of a comment, a string literal, a page.
+/// A unit of prose: the lines of a comment, of a string literal, or of a page.
 #[derive(Debug)]
 pub struct Passage {
     /// The origin of the text.
@@ -45,7 +45,8 @@ pub fn of_page(source: &str) -> Vec<Passage> {
 }
 
 impl Passage {
-    /// Words and punctuation, without code (fenced, or between backticks), names in braces, and addresses of links.
+    /// The words and punctuation of a passage. Code (fenced or between backticks), names in braces, and addresses
+    /// of links are left out.
     pub fn tokens(&self) -> Vec<Token> {
         let mut tokens = Vec::new();
         let (mut fenced, mut quoted) = (false, false);

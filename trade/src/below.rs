@@ -5,10 +5,10 @@ use std::collections::BTreeSet;
 
 use crate::search::{Steps, Tried};
 
-/// Minimum of the margin, which is the share of the cost that raising knobs is assumed to save at most. (Raising a
-/// knob may save work elsewhere, since light then takes other paths.) The margin is also at least [`TIMES`] times
-/// the largest measured saving. If raising knobs never saves more than the margin, the result is complete.
-/// Measurements support this assumption, but do not prove it.
+/// Lower bound of the margin. The margin is the maximum share of the cost that raising knobs is assumed to save.
+/// (Raising a knob may save work elsewhere, since light then takes other paths.) The margin is also at least
+/// [`TIMES`] times the largest measured saving. The result is complete if raising knobs never saves more than the
+/// margin. Measurements support this assumption, but do not prove it.
 const MARGIN: f64 = 0.05;
 /// Minimum ratio of the margin to the largest measured saving.
 const TIMES: f64 = 2.0;

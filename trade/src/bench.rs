@@ -371,15 +371,15 @@ impl<'e> Bench<'e> {
             let reported = |of: &dyn Fn(&Output, &Images) -> bool, text: &str| {
                 let held = self.outputs.iter().zip(&*pictures).filter(|(output, images)| of(output, images));
                 let names: Vec<String> = held.map(|(output, _)| format!("`{}`", output.name)).collect();
-                (!names.is_empty()).then(|| format!("{}: {text}", names.join(", ")))
+                (!names.is_empty()).then(|| format!("{text}: {}", names.join(", ")))
             };
             let linear = |output: &Output, _: &Images| output.space == Space::Linear;
             let cut = |output: &Output, images: &Images| output.space == Space::Display && is_bright(images);
             let remarks = [
-                reported(&cut, "light that is far brighter than white is judged as white"),
+                reported(&cut, "light far above white is judged as white in these pictures"),
                 reported(
                     &linear,
-                    "only written to OpenEXR files and therefore judged in linear light, with HDR-FLIP",
+                    "judged in linear light, with HDR-FLIP, since they are only written to OpenEXR files",
                 ),
             ];
             remarks.into_iter().flatten().for_each(|text| self.remark(text));
@@ -397,8 +397,8 @@ impl<'e> Bench<'e> {
     }
 
     /// Marks pictures for which the metric cannot be computed. For example, HDR-FLIP cannot be computed for a
-    /// picture half of which is black. Marked pictures are not included in the error, but their other metrics are
-    /// reported.
+    /// picture half of which is black. Marked pictures are not included in the error, but other metrics are still
+    /// reported for them.
     fn mark_uncomputed(&mut self) -> Result<(), Miss> {
         let Some((truth, metric)) = self.truth.as_ref().zip(self.metric.clone()) else { return Ok(()) };
         let why =

@@ -14,11 +14,11 @@ use nodes::types::{Cell, Data, Image, Images, Linear, NamedImage, Picture, Repor
 use crate::metric::Metric;
 use crate::off::Off;
 
-/// A picture to judge.
+/// A picture whose error is to be measured.
 pub struct Output {
     /// Name of the picture: the name of the node, such as `final`, or of node and output, such as `trace.object`.
     pub name: String,
-    /// The output of a node that is the picture.
+    /// The output of a node from which the picture comes.
     pub wire: Wire,
     /// The space in which the picture is judged: linear light if the picture is only written to OpenEXR files;
     /// otherwise, the values of an 8-bit display.
@@ -31,7 +31,7 @@ pub struct Output {
 
 /// The inputs from which one `composite` node, or several stacked `composite` nodes, made a picture.
 struct Insertion {
-    /// The background of the first of these nodes.
+    /// The background of the first `composite` node.
     background: Wire,
     /// The inserted objects, in the order of insertion.
     layers: Vec<Layer>,

@@ -65,11 +65,11 @@ impl Evidence<'_> {
         cells.collect()
     }
 
-    /// The value in the row `name` of the table `table`, whose columns are `what` and `value`.
+    /// The value in the row `name` of the table `table`, whose columns are `item` and `value`.
     fn value(&self, table: &str, name: &str) -> Option<String> {
-        let names = self.column(table, "what").into_iter().zip(self.column(table, "value"));
-        names.into_iter().find_map(|(what, value)| match (what, value) {
-            (Cell::Text(what), Cell::Text(value)) if what == name => Some(value.clone()),
+        let names = self.column(table, "item").into_iter().zip(self.column(table, "value"));
+        names.into_iter().find_map(|(item, value)| match (item, value) {
+            (Cell::Text(item), Cell::Text(value)) if item == name => Some(value.clone()),
             _ => None,
         })
     }
@@ -99,13 +99,15 @@ const SKIPS: [Skip; 8] = [
         kinds: TRACE,
         judge: |seen| {
             let decided = seen.value("decisions", "surroundings")?;
-            let text = seen.note("surroundings").map_or_else(|| format!("{decided}, as set"), str::to_owned);
+            let text = seen
+                .note("surroundings")
+                .map_or_else(|| format!("{decided}, as set in the graph"), str::to_owned);
             // With `Open`, the light is infinitely distant: the receiver is neither a light, nor does it block any.
             Some((decided == "Open", text))
         },
     },
     Skip {
-        what: "the second render, in regions where objects hardly change the light",
+        what: "the second render, in regions where objects have almost no effect on the light",
         check: "an upper bound on the light that objects block, emit and reflect is small enough",
         force: "`crop: 0`",
         kinds: TRACE,
@@ -116,15 +118,16 @@ const SKIPS: [Skip; 8] = [
     },
     Skip {
         what: "rays in regions where objects change nothing",
-        check: "no path of a chunk of pixels meets an object",
+        check: "none of the light paths traced for a chunk of pixels hits an object",
         force: "it cannot be forced; the expected picture does not depend on it",
         kinds: TRACE,
         judge: |seen| {
-            let shares = seen.column("views", "share of chunks that no object changes").into_iter();
+            let shares =
+                seen.column("views", "share of chunks of samples that no object changes").into_iter();
             let shares = shares.filter_map(|cell| if let Cell::Number(n) = cell { Some(*n) } else { None });
             let shares: Vec<f64> = shares.collect();
             let texts: Vec<String> = shares.iter().map(|share| format!("{:.0} %", 100.0 * share)).collect();
-            let text = format!("share of chunks in each view: {}", texts.join(", "));
+            let text = format!("share of chunks of samples in each view: {}", texts.join(", "));
             (!shares.is_empty()).then(|| (shares.iter().any(|share| *share > 0.0), text))
         },
     },
@@ -165,7 +168,7 @@ const SKIPS: [Skip; 8] = [
             let [skipped, visited] = ["splats_skipped", "splats_visited"].map(|name| seen.count(name));
             let all = (skipped + visited) as f64;
             let text = format!(
-                "{:.0} % of {} splats were skipped",
+                "skipped splats: {:.0} % of {}",
                 100.0 * skipped as f64 / all.max(1.0),
                 tick_text(all)
             );
@@ -174,7 +177,7 @@ const SKIPS: [Skip; 8] = [
     },
     Skip {
         what: "pixels of the panorama that do not affect the picture",
-        check: "the widths of the smoothest lobe and of the smallest light, in texels",
+        check: "the widths of the narrowest reflection lobe and of the smallest light, in texels",
         force: "`skip_fine: false` of `fit-probe`; without a `fit-probe`, `width_px` and `size_px` decide",
         kinds: &["fit-probe", "path-trace"],
         judge: |seen| match seen.note("probe-size") {
@@ -310,7 +313,7 @@ mod tests {
         let trace = node("trace", "path-trace");
         let lobes =
             vec![Cell::Text("lobes that no material has".to_owned()), Cell::Text("sheen, brush".to_owned())];
-        let reports = [("trace.report".to_owned(), table("decisions", &["what", "value"], lobes))];
+        let reports = [("trace.report".to_owned(), table("decisions", &["item", "value"], lobes))];
         assert_eq!(judged(&[trace], &reports)[5], (Some(true), "sheen, brush".to_owned()));
     }
 
@@ -321,15 +324,18 @@ mod tests {
         let row = |decided: &str, why: Option<&str>| {
             let mut trace = node("trace", "path-trace");
             trace.notes.extend(why.map(|why| note("surroundings", why)));
-            let mut report = table("decisions", &["what", "value"], Vec::new());
+            let mut report = table("decisions", &["item", "value"], Vec::new());
             report.tables[0].rows =
                 vec![["surroundings", decided].map(|text| Cell::Text(text.to_owned())).to_vec()];
             judged(&[trace], &[("trace.report".to_owned(), report)]).swap_remove(1)
         };
         let why = "Open: 60.0 % of 256 probe rays miss the mesh";
         assert_eq!(row("Open", Some(why)), (Some(true), why.to_owned()));
-        assert_eq!(row("Open", None), (Some(true), "Open, as set".to_owned()));
-        assert_eq!(row("Room, 3 layers", None), (Some(false), "Room, 3 layers, as set".to_owned()));
+        assert_eq!(row("Open", None), (Some(true), "Open, as set in the graph".to_owned()));
+        assert_eq!(
+            row("Room(layers: 3)", None),
+            (Some(false), "Room(layers: 3), as set in the graph".to_owned())
+        );
         assert_eq!(row("Projected", Some("Projected: ..")).0, Some(false));
     }
 

@@ -1,8 +1,8 @@
 //! Measurement of work and error. The crate lists the knobs of a graph, searches for settings that reach a required
 //! error with little work, and makes a page that shows the cost of each node and the error that the node causes.
 //!
-//! A [`bench::Bench`] runs a graph at settings of its knobs and compares the pictures with those of the preset
-//! `reference`. [`tune`] uses it for searches, and [`report`] to make a page. This crate prints nothing; the
+//! A [`bench::Bench`] runs a graph at settings of its knobs and compares the pictures with the pictures of the
+//! preset `reference`. [`tune`] uses it for searches, and [`report`] to make a page. This crate prints nothing; the
 //! subcommands of the program do.
 
 pub mod attribution;

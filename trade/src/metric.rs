@@ -120,8 +120,8 @@ impl Metric {
         self.worst(off, "image")
     }
 
-    /// Like [`error`](Self::error), but for the picture that [`Off::judged`] names `judged`, which may be a
-    /// baseline.
+    /// Like [`error`](Self::error), but only for errors whose [`Off::judged`] is `judged`, for example the name of
+    /// a baseline.
     pub fn worst(&self, off: &[Off], judged: &str) -> Option<f64> {
         let rows =
             off.iter().filter(|row| row.region == self.region && row.judged == judged && row.pixels > 0);

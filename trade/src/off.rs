@@ -11,7 +11,8 @@ pub struct Off {
     pub view: String,
     /// Name of the region: `whole`, `touched`, `object` or `shadow`.
     pub region: String,
-    /// Name of the picture that is compared with the reference: `image` for the picture itself, or the name of a baseline.
+    /// Name of the picture that is compared with the reference: `image` for the picture itself, or the name of a
+    /// baseline.
     pub judged: String,
     /// Number of pixels in the region.
     pub pixels: u64,

@@ -10,7 +10,7 @@ use crate::tunables::{Assignment, Tunable};
 /// Forecast of the time that it takes to measure some settings.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Outlook {
-    /// Number of these settings that have not been measured yet.
+    /// Number of settings that must still be measured.
     pub settings: usize,
     /// Forecast time in seconds. Nodes without a forecast are not included.
     pub seconds: f64,

@@ -33,7 +33,7 @@ impl Tunable {
             all.into_iter().filter(|(at, _)| self.knob && *at > reference).max_by_key(|(at, _)| *at)?;
         let Self { node, parameter, values, .. } = self;
         Some(format!(
-            "`reference` sets {node}.{parameter}={}, but {name} has the finer value {}; the difference counts as error",
+            "the preset `reference` sets `{node}.{parameter}` to {}, but {name} has the finer value {}; the difference counts as an error",
             values[reference], values[at]
         ))
     }
@@ -56,7 +56,7 @@ pub fn presets(graph: &Graph, registry: &Registry) -> Result<[Graph; 4], Error> 
 
 /// Checks that `form`, which is `graph` with other settings, has the same nodes as `graph`, so that an index refers
 /// to the same node in both graphs. The nodes differ if a preset sets a field that varies along an axis, since this
-/// removes the axis from the nodes that depend on the field. The error is the reason.
+/// removes the axis from the nodes that depend on the field. The error says why the nodes differ.
 pub fn same_nodes(graph: &Graph, form: &Graph) -> Result<(), String> {
     let ids = |graph: &Graph| graph.nodes.iter().map(|node| node.id.clone()).collect::<Vec<_>>();
     let (all, others) = (ids(graph), ids(form));
@@ -272,7 +272,8 @@ mod tests {
         assert_eq!(of(1, [0, 1, 2, 2], true).finer_than_the_reference(), None);
         let reported = of(0, [0, 0, 2, 1], true).finer_than_the_reference();
         assert!(
-            reported.is_some_and(|t| t.contains("pano.width_px=128, but `final` has the finer value 256"))
+            reported
+                .is_some_and(|t| t.contains("`pano.width_px` to 128, but `final` has the finer value 256"))
         );
         assert!(
             of(2, [0, 0, 0, 1], true)

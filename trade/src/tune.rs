@@ -144,7 +144,7 @@ impl Tuned {
     /// The reason why the search ended. `stopped` is true if the user interrupted it.
     pub fn ended(&self, stopped: bool) -> &'static str {
         match (self.finished, stopped) {
-            (true, _) => "changing any one knob by one step does not help",
+            (true, _) => "no change of a single knob by one step gives a better setting",
             (false, true) => "interrupted, so there may be better settings",
             (false, false) if self.late => "the time ran out, so there may be better settings",
             (false, false) if self.left == 0 => "the budget is used up, so there may be better settings",
@@ -185,9 +185,11 @@ impl Tuned {
         };
         match (self.tried.len(), stopped) {
             (0, _) => "interrupted before anything was measured".to_owned(),
-            (count, false) => format!("none of the {count} settings measured reaches the goal; {nearest}"),
+            (count, false) => format!("no setting reaches the goal (settings measured: {count}); {nearest}"),
             (count, true) => {
-                format!("interrupted; none of the {count} settings measured reaches the goal; {nearest}")
+                format!(
+                    "interrupted before a setting reached the goal (settings measured: {count}); {nearest}"
+                )
             }
         }
     }

@@ -2,10 +2,10 @@
 
 use engine::Counts;
 
-/// Weights of counts, in rays. The weight of a count is the CPU time of one counted operation divided by the CPU
-/// time of one ray of `path-trace`. The weights were fitted by `tests/tables/weights.py`. `docs/evidence/trade.md`
-/// has the measurements and shows how well the weights predict the time of single nodes. Counts that are not listed
-/// have no weight.
+/// Weight of each count, as an equivalent number of rays. The weight of a count is the CPU time of one counted
+/// operation divided by the CPU time of one ray of `path-trace`. The weights were fitted by
+/// `tests/tables/weights.py`. `docs/evidence/trade.md` has the measurements and shows how well the weights predict
+/// the time of single nodes. Counts that are not listed have no weight.
 const WEIGHTS: [(&str, f64); 7] = [
     ("rays", 1.0),
     ("splat_tile_pairs", 0.4),

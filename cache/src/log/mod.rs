@@ -198,7 +198,7 @@ impl Log {
         Ok(self.sizes.damaged)
     }
 
-    /// The number of bytes of entries that were replaced or removed, or are incomplete.
+    /// The total size in bytes of the entries that were replaced or removed, or are incomplete.
     pub fn dead(&self) -> u64 {
         self.sizes.dead
     }

@@ -1,7 +1,7 @@
 //! Axes. An axis turns one node of the file into several nodes, one for each value of the axis.
 //!
 //! `axes: (yaw: List([0.0, 15.0]))` defines an axis and its values, and a field such as `yaw_deg: Axis("yaw")`
-//! reads the axis. Each such call in a field is replaced by the text of a value. The fields are read once for each
+//! reads the axis. Each `Axis` call is replaced with the text of a value. The fields are read once for each
 //! combination of axis values. Such a combination is called a *point*; see `expand`.
 
 use std::borrow::Cow;
@@ -71,7 +71,7 @@ impl<'t> Axis<'t> {
             },
             Err(_) => {
                 return Err(wrong(format!(
-                    "`{}` is not an axis: its value is `{}`",
+                    "`{}` is not an axis, since its value is `{}`",
                     field.name,
                     shown(field.text)
                 )));
@@ -109,7 +109,8 @@ impl<'t> Axis<'t> {
     }
 }
 
-/// The values of a range as text. They are written as whole numbers if `from` and `step` are whole.
+/// The values of a range, from `from` to `to` (exclusive), as text. They are written as whole numbers if `from` and
+/// `step` are whole.
 fn range(from: f64, to: f64, step: f64) -> Result<Vec<String>, String> {
     if ![from, to, step].iter().all(|number| number.is_finite()) || step == 0.0 {
         return Err("is not a valid range: its numbers must be finite and its step must not be 0".to_owned());
@@ -129,13 +130,14 @@ fn range(from: f64, to: f64, step: f64) -> Result<Vec<String>, String> {
     Ok((0..count as usize).map(text).collect())
 }
 
-/// A call in the text of a field. Each call is replaced by a value.
+/// A call in the text of a field. Each call is replaced with a value.
 #[derive(Deserialize)]
 enum Call<'t> {
     /// The value of the named axis.
     Axis(#[serde(borrow)] Cow<'t, str>),
-    /// A value that is interpolated from the value of the named axis. The keys are in ascending order of axis
-    /// value. Each key is a pair of an axis value and either one number or several numbers in parentheses.
+    /// A value that depends on the value of the named axis, interpolated between keys. The keys are in ascending
+    /// order of axis value. Each key is a pair of an axis value and either one number or several numbers in
+    /// parentheses.
     Track(Cow<'t, str>, #[serde(borrow)] Vec<(f64, &'t RawValue)>),
 }
 
@@ -147,8 +149,8 @@ pub(crate) fn reads_axis(text: &str) -> bool {
     !calls(text, &CALLS).is_empty()
 }
 
-/// The indices of the axes that the text of a field reads. Returns an error if one of its calls has a mistake.
-/// `span` is the byte range of the field.
+/// The indices of the axes to which the calls in a field refer. Returns an error if a call has a mistake. `span` is
+/// the byte range of the field.
 pub(crate) fn axes_read(
     text: &str,
     span: &Range<usize>,

@@ -63,7 +63,7 @@ pub(crate) fn file_text(value: &str, padding: Option<Padding>, width: Option<usi
 }
 
 /// The placeholders of an axis in a path, such as `{frame}` or `{frame:4}`. For each: its byte range in the path,
-/// and its number of digits if it gives one.
+/// and the number of digits that it gives, if any.
 fn holders<'p>(path: &'p str, axis: &str) -> impl Iterator<Item = (Range<usize>, Option<usize>)> + 'p {
     let open = format!("{{{axis}");
     let length = open.len();

@@ -10,7 +10,7 @@ use crate::text::document::{Document, RawField, RawNode};
 use crate::text::source::Source;
 use crate::value::root::SourceRoot;
 
-/// Maximum number of nodes that are followed upstream in search of a node whose number of cameras is known.
+/// Maximum number of nodes to visit upstream of a node in the search for a node whose number of cameras is known.
 const MOST_STEPS: usize = 1000;
 
 /// Returns the number of cameras of the node `name`, to which the axis `axis` refers. Returns `None` if that node
@@ -81,8 +81,8 @@ fn node_of<'d, 't>(name: &str, document: &'d Document<'t>) -> Option<&'d RawNode
     find(name).or_else(|| find(name.rsplit_once('.')?.0))
 }
 
-/// Full name of the node or output that the first wire of an input comes from, in wire syntax: `node` or `node.port`.
-/// `None` if the input has no valid wire.
+/// The start of the first wire of an input, as written in the graph: `node` or `node.port`, with the full name of
+/// the node. `None` if the input has no valid wire.
 fn above(node: &RawNode<'_>, input: &str, document: &Document<'_>) -> Option<String> {
     let field = node.fields.iter().find(|field| field.name == input)?;
     let named = wire_names(field, &document.scopes).ok()?.into_iter().next()?;

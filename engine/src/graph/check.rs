@@ -247,8 +247,8 @@ impl<'t, 'a> Check<'t, 'a> {
     }
 
     /// Adds a related place to each mistake in `diagnostics` from index `before` on. For a mistake inside a
-    /// subgraph, this is the place where the subgraph is used. For a mistake in a value given to the subgraph, it
-    /// is the place where the value is read.
+    /// subgraph, this is the place where the subgraph is used. For a mistake in a value that is given to a
+    /// subgraph, it is the place in the subgraph that reads the value.
     fn add_use(&mut self, node: &RawNode<'t>, before: usize) {
         let scope = &self.scopes[node.scope];
         let Some((used, _)) = &scope.used else { return };
@@ -307,13 +307,24 @@ impl Graph {
 
 /// Finds the fields of a node that were parameters in a former version of its kind. Fields that are replaced
 /// together form a group, with one diagnostic that says what to write instead.
-fn former_fields(raw: &RawNode<'_>, kind: &KindEntry) -> Vec<(&'static [&'static str], Diagnostic)> {
+fn former_fields<'t>(raw: &RawNode<'t>, kind: &KindEntry) -> Vec<(Vec<&'t str>, Diagnostic)> {
     let texts: Vec<(&str, &str)> = raw.fields.iter().map(|field| (field.name, field.text)).collect();
-    let mut found: Vec<(&'static [&'static str], Diagnostic)> = Vec::new();
+    let mut found: Vec<(Vec<&str>, Diagnostic)> = Vec::new();
     for field in &raw.fields {
         let known = kind.params.iter().any(|param| param.name == field.name)
             || found.iter().any(|(fields, _)| fields.contains(&field.name));
-        let Some(former) = (!known).then(|| (kind.former)(field.name, &texts)).flatten() else { continue };
+        if known {
+            continue;
+        }
+        let former = match (kind.former)(field.name, &texts) {
+            Ok(Some(former)) => former,
+            Ok(None) => continue,
+            Err(error) => {
+                let span = field.name_span.clone();
+                found.push((vec![field.name], Diagnostic::caused_by(Code::Parameters, span, error)));
+                continue;
+            }
+        };
         let written: Vec<String> = texts
             .iter()
             .filter(|(name, _)| former.fields.contains(name))
@@ -326,7 +337,7 @@ fn former_fields(raw: &RawNode<'_>, kind: &KindEntry) -> Vec<(&'static [&'static
             .hint(format!(
                 "recipes and bundles that use it need a version of lightharmony with {version} or earlier"
             ));
-        found.push((former.fields, mistake));
+        found.push((former.fields.to_vec(), mistake));
     }
     found
 }

@@ -98,15 +98,13 @@ impl<'t, 'a> Check<'t, 'a> {
             let place =
                 |name: &str| fields.iter().find(|field| field.name == name).map(|field| field.span.clone());
             let span = error.field.and_then(place).unwrap_or(raw.kind_span.clone());
-            let mut diagnostic = Diagnostic::of(Code::Parameters, span, error.message());
-            diagnostic.hints.extend(error.hint);
-            self.report(diagnostic);
+            self.report(Diagnostic::caused_by(Code::Parameters, span, error));
         }
         Some((step, sink_path))
     }
 
     /// Checks that a source file exists. It must not be a folder unless the kind reads folders. If the file is
-    /// missing, the download hint in `supplied` is removed and added to the mistake, so that it is given only once.
+    /// missing, the download hint is moved from `supplied` to the diagnostic, so that it is shown only once.
     fn source(&mut self, kind: &KindEntry, field: &Field<'_>, path: String, supplied: &mut Option<&str>) {
         let file = self.root.file(&InputFile(path.clone()));
         let place = field.span.clone();
@@ -156,8 +154,8 @@ impl<'t, 'a> Check<'t, 'a> {
     }
 }
 
-/// The byte ranges of the fields of a node. If the text of a field is a single `Param` call, its byte range is that
-/// of the value of the parameter.
+/// The byte ranges of the fields of a node. If a field consists of a single `Param` call, its range is the byte
+/// range of the parameter's value.
 pub(crate) fn places(raw: &RawNode<'_>, kind: &KindEntry, fields: &[Field<'_>]) -> FieldPlaces {
     let place = |name: &'static str| {
         let param = fields.iter().find(|field| field.name == name).map(|field| field.span.clone());
@@ -168,8 +166,8 @@ pub(crate) fn places(raw: &RawNode<'_>, kind: &KindEntry, fields: &[Field<'_>]) 
     names.filter_map(place).collect()
 }
 
-/// Checks that the path of a sink names a file inside the output folder and contains only known placeholders. The
-/// error is the reason why the path is not permitted.
+/// Checks that the path of a sink names a file inside the output folder and contains only known placeholders.
+/// Otherwise returns the reason why the path is not permitted.
 fn check_sink_path(path: &str, axes: &[Axis<'_>]) -> Result<(), &'static str> {
     use std::path::Component;
     if path.is_empty() || path.ends_with('/') {

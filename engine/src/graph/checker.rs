@@ -69,7 +69,8 @@ impl<'t, 'a> Check<'t, 'a> {
         self.diagnostics.len()
     }
 
-    /// True if the graph has axes or gathers, so that a node of the file may become several nodes or no node.
+    /// True if the graph has axes or gathers, so that the expanded graph may have more or fewer nodes than the
+    /// file.
     pub fn is_multiple(&self) -> bool {
         !self.axes.is_empty() || !self.gathers.is_empty()
     }
@@ -114,7 +115,7 @@ pub(crate) struct Template<'r, 't> {
 
 /// `Gather(input: "node.port", over: "axis")`: wires to all instances of a node.
 pub(crate) struct Gather {
-    /// Index of the gathered node in the file.
+    /// Index of the gathered node among the nodes of the file.
     pub node: usize,
     pub output: Option<String>,
     /// Indices of the gathered axes. In the order of the wires, the last axis varies fastest.

@@ -1,5 +1,5 @@
-//! The layout of a drawing of a graph: one column per step of the longest path. Wires are routed around the nodes
-//! between their ends.
+//! The layout of a drawing of a graph. The number of columns is the number of nodes on the longest path. Wires are
+//! routed around the nodes between their ends.
 
 use std::collections::BTreeSet;
 
@@ -18,9 +18,9 @@ pub struct ColumnEntry {
 /// would need millions of entries.
 const MOST_ENTRIES: usize = 50_000;
 
-/// The entries of each column, from top to bottom. A node is in the column after the last of its inputs. Within a
-/// column, entries are sorted by the average row of their inputs in the previous column, then by the position of
-/// their node in the file.
+/// The entries of each column, from top to bottom. A node is in the column after the rightmost of its inputs.
+/// Within a column, entries are sorted by the average row of their inputs in the previous column, then by the
+/// position of their node in the file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Columns(pub Vec<Vec<ColumnEntry>>);
 
@@ -85,7 +85,7 @@ fn above<'g>(graph: &'g Graph, entry: &'g ColumnEntry) -> &'g [usize] {
 
 /// Rows of the nodes in one column.
 struct Rows {
-    /// For each node, the last column that contained it and its row there.
+    /// For each node, the index of the last column that contained it, and its row in that column.
     of: Vec<(usize, usize)>,
     column: usize,
 }
@@ -95,7 +95,7 @@ impl Rows {
         Self { of: vec![(0, 0); graph.nodes.len()], column: 0 }
     }
 
-    /// Replaces the column, in time proportional to its length.
+    /// Replaces the column, in time proportional to the length of the new column.
     fn set(&mut self, column: &[ColumnEntry]) {
         self.column += 1;
         column.iter().enumerate().for_each(|(row, entry)| self.of[entry.node] = (self.column, row));

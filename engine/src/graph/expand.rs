@@ -180,7 +180,8 @@ impl<'t> Check<'t, '_> {
         if self.mistakes() > before { Vec::new() } else { nodes }
     }
 
-    /// For each node, the grid of its own axes and the axes of its inputs, except the axes that its wires gather.
+    /// For each node, the grid of the axes that its fields read and of the axes of its inputs, except the axes that
+    /// its wires gather.
     fn grids(&mut self, templates: &[Option<Template<'_, 't>>], order: &[usize]) -> Vec<Grid> {
         let mut grids: Vec<Grid> = vec![Grid::default(); templates.len()];
         for &index in order {
@@ -208,7 +209,7 @@ impl<'t> Check<'t, '_> {
         grids
     }
 
-    /// Checks that the path of a sink differs between points, since the sink writes one file per point.
+    /// Checks that a sink has a different path at each point, since it writes one file per point.
     fn sink_axes(&mut self, template: &Template<'_, 't>, grid: &Grid) {
         let Some(path) = &template.node.sink_path else { return };
         let span = || template.node.place(Some("path"));
@@ -220,7 +221,7 @@ impl<'t> Check<'t, '_> {
             }
             if grid.has(index) && !named {
                 let what = format!(
-                    "`{path}` names one file, but the sink writes one for each value of `{}`",
+                    "`{path}` names one file, but the sink writes one file for each value of `{}`",
                     axis.name
                 );
                 self.report(Diagnostic::new(span(), what).hint(format!("put `{holder}` into the path")));
@@ -231,7 +232,7 @@ impl<'t> Check<'t, '_> {
         }
     }
 
-    /// Reports two values of an axis that give the same file name.
+    /// Reports a mistake if two values of an axis give the same file name.
     fn file_names(&mut self, axis: &Axis<'_>, span: &Range<usize>) {
         let mut seen: BTreeMap<String, usize> = BTreeMap::new();
         for value in 0..axis.values.len() {

@@ -57,8 +57,8 @@ impl Lists {
         &self.items[start..self.ends[index]]
     }
 
-    /// The reverse relation. For each of `count` items, the result has a list of the indices of the lists that
-    /// contain it, in ascending order.
+    /// The inverse relation: a list for each of `count` items. It contains the indices of the lists that contain
+    /// the item, in ascending order.
     fn reversed(&self, count: usize) -> Self {
         let mut ends = vec![0; count];
         self.items.iter().for_each(|&item| ends[item] += 1);
@@ -109,8 +109,7 @@ impl Graph {
         self.starts[node]
     }
 
-    /// Number of nodes that begin before the byte offset `place` in the text. The graph must be
-    /// [`plain`](Self::plain).
+    /// Number of nodes whose text begins before the byte offset `place`. The graph must be [`plain`](Self::plain).
     pub(crate) fn begun_before(&self, place: usize) -> usize {
         self.starts.partition_point(|start| *start < place)
     }
@@ -146,9 +145,8 @@ impl Graph {
                 },
             };
             let field = error.field.or(node.kind.source_param());
-            let mut mistake = Diagnostic::of(Code::MissingFile, self.place(index, field), error.message());
-            mistake.hints.extend(error.hint);
-            mistakes.push(mistake);
+            let place = self.place(index, field);
+            mistakes.push(Diagnostic::caused_by(Code::MissingFile, place, error));
         }
         if mistakes.is_empty() { Ok(()) } else { Err(Diagnostics::new(self.source.clone(), mistakes)) }
     }
@@ -182,10 +180,8 @@ impl Graph {
         let mut mistakes = Vec::new();
         for (index, node) in self.nodes.iter().enumerate() {
             if let Err(error) = node.step.check_wires(&self.wired(index)) {
-                let mut mistake =
-                    Diagnostic::of(Code::Wiring, self.place(index, error.field), error.message());
-                mistake.hints.extend(error.hint);
-                mistakes.push(mistake);
+                let place = self.place(index, error.field);
+                mistakes.push(Diagnostic::caused_by(Code::Wiring, place, error));
             }
         }
         let one_file =
@@ -204,10 +200,8 @@ impl Graph {
                 Ok(ViewCount::Known(count)) => Some(count),
                 Ok(ViewCount::As(inputs)) => inputs.iter().find_map(of_input),
                 Err(error) => {
-                    let mut mistake =
-                        Diagnostic::of(Code::Wiring, self.place(index, error.field), error.message());
-                    mistake.hints.extend(error.hint);
-                    mistakes.push(mistake);
+                    let place = self.place(index, error.field);
+                    mistakes.push(Diagnostic::caused_by(Code::Wiring, place, error));
                     None
                 }
             };
@@ -310,7 +304,7 @@ impl Graph {
         self.above(&if only.is_empty() { self.targets() } else { only.to_vec() })
     }
 
-    /// For each node, true if it is one of the targets or above one of them.
+    /// For each node, true if it is one of the targets or upstream of one.
     pub fn above(&self, targets: &[usize]) -> Vec<bool> {
         let mut wanted = vec![false; self.nodes.len()];
         for &target in targets {

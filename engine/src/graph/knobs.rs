@@ -40,7 +40,7 @@ fn name_in_file(id: &str, instance: bool) -> &str {
 }
 
 impl Graph {
-    /// The knobs of the nodes above the given targets, in the order of the file. An empty list stands for
+    /// The knobs of the nodes upstream of the given targets, in the order of the file. An empty list stands for
     /// [`Graph::targets`].
     pub fn knobs(&self, only: &[usize]) -> Vec<GraphKnob> {
         let targets = if only.is_empty() { self.targets() } else { only.to_vec() };
@@ -83,8 +83,8 @@ impl Graph {
         knobs
     }
 
-    /// For each node, true if the target shows its result. This holds for the target and for the nodes above it,
-    /// except those that are reached only through [`Preview::looks`] inputs.
+    /// For each node, true if its result is visible in the result of `target`. This holds for the target and for
+    /// the nodes upstream of it, except those that are reached only through [`Preview::looks`] inputs.
     ///
     /// [`Preview::looks`]: crate::Preview::looks
     fn shown_by(&self, target: usize) -> Vec<bool> {
@@ -100,10 +100,10 @@ impl Graph {
         shown
     }
 
-    /// Compares the parameters of the nodes above the given targets with `other`, another version of this graph
-    /// (for example, this graph with a preset). For each parameter that differs: the node, the parameter, and its
-    /// canonical values in this graph and in `other`. Knobs that [`Graph::knobs`] lists and instances along axes
-    /// are left out.
+    /// Compares the parameters of the nodes upstream of the given targets with `other`, another version of this
+    /// graph (for example, this graph with a preset). For each parameter that differs: the node, the parameter, and
+    /// its canonical values in this graph and in `other`. The comparison leaves out the knobs that [`Graph::knobs`]
+    /// lists, and all instances along axes.
     pub fn fields_otherwise(
         &self,
         other: &Self,
@@ -172,7 +172,7 @@ fn looked_at(document: &Document<'_>, registry: &Registry) -> Vec<bool> {
 
 impl Source {
     /// The names of the presets of the graph and its included files, without duplicates. Mistakes in the text are
-    /// reported by the check.
+    /// ignored here, since the check reports them.
     pub fn own_presets(&self, root: &SourceRoot) -> Vec<String> {
         let document = parse_all(self, root, &mut Vec::new());
         let mut names: Vec<String> = document.presets.iter().map(|preset| preset.name.to_owned()).collect();
@@ -182,7 +182,7 @@ impl Source {
     }
 
     /// Applies a preset: one that the graph defines, or one of [`PRESETS`]. A preset of [`PRESETS`] sets the knobs
-    /// of all nodes to one step of their ladders.
+    /// of all nodes to the step of their ladders that belongs to the preset.
     pub fn with_preset(self, preset: &str, registry: &Registry) -> Self {
         // Mistakes in the text are reported by the check.
         let document = parse_all(&self, &SourceRoot::new(""), &mut Vec::new());

@@ -9,13 +9,13 @@ use cache::KeyWriter;
 use crate::kind::fields::Fields;
 use crate::kind::param_type::Role;
 use crate::kind::params::Params;
-use crate::kind::registry::{KindEntry, Step};
+use crate::kind::registry::{KindEntry, Step, read_params};
 use crate::kind::scene::Point;
 use crate::text::document::RawField;
 use crate::value::artifact::{Decoder, Encoder};
 use crate::value::root::{InputFile, SourceRoot};
 
-/// The start of a wire: an output of another node.
+/// The start of a wire, which is an output of another node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Wire {
     /// Index into [`Graph::nodes`](crate::Graph::nodes).
@@ -38,8 +38,8 @@ pub struct Node {
     pub inputs: Vec<Vec<Wire>>,
     /// The output path of a sink, with placeholders.
     pub sink_path: Option<String>,
-    /// The values of the axes that the node or its inputs read, such as `("yaw", "15.0")`, in the order of the
-    /// axes.
+    /// The axes that the node or its inputs read, each with its value, such as `("yaw", "15.0")`. They are in the
+    /// order of the axes in the graph.
     pub point: Point,
     /// Byte range of the node in the text from which it was parsed. [`Graph::place`](crate::Graph) returns its
     /// current byte range.
@@ -48,7 +48,7 @@ pub struct Node {
     pub(crate) step: Arc<dyn Step>,
 }
 
-/// Reads the parameters of a kind from their canonical texts.
+/// Parses the parameters of a kind from their canonical texts, by calling `read`.
 fn read<T>(
     kind: &'static str,
     values: &[(&'static str, String)],
@@ -81,7 +81,7 @@ impl Node {
 
     /// The parameters of the node as a `P`; `None` if its kind has different parameters.
     pub fn params<P: Params>(&self) -> Option<P> {
-        read(self.kind.name, &self.values(), P::read)
+        read(self.kind.name, &self.values(), read_params)
     }
 
     /// The node's parameters with one value replaced; `None` if its kind rejects the new value.

@@ -20,15 +20,15 @@ impl ReadFiles {
         Self(places)
     }
 
-    /// True if writing to `path` would change one of the files. This is so if `path` is the file, a link to it, or
-    /// the link through which the file was added to the set.
+    /// True if writing to `path` would change one of the files. This is the case if `path` is the file, a link to
+    /// it, or the link by which the file was named when it was added to the set.
     pub fn has(&self, path: &Path) -> bool {
         !self.0.is_empty() && places_of(path, &mut HashMap::new()).any(|place| self.0.contains(&place))
     }
 }
 
-/// The locations of a path: the path itself, with the links in its folder resolved, and, if the path is a link, its
-/// target. `folders` caches the resolved folders.
+/// The locations of a path. These are the path itself, with the links in its folder resolved, and its target if it
+/// is a link. `folders` caches the resolved folders.
 fn places_of(path: &Path, folders: &mut HashMap<PathBuf, PathBuf>) -> impl Iterator<Item = PathBuf> + use<> {
     let folder = match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,

@@ -57,7 +57,8 @@ impl Graph {
         Some(Arc::new(graph))
     }
 
-    /// A node after its text was edited; `None` unless only parameters changed and all of them are valid.
+    /// The node with index `index` after an edit of its text. `None` unless the edit changed only parameters and
+    /// all of them are valid.
     fn node_edited(
         &self,
         index: usize,
@@ -103,7 +104,7 @@ fn is_field(kind: &KindEntry, name: &str) -> bool {
     kind.params.iter().any(|param| param.name == name) || kind.inputs.iter().any(|port| port.name == name)
 }
 
-/// Returns the range of `old` and the range of `new` outside which the two texts are equal.
+/// The parts in which two texts differ: a byte range of `old`, and the byte range of `new` that replaces it.
 fn difference(old: &str, new: &str) -> (Range<usize>, Range<usize>) {
     const AT_ONCE: usize = 64;
     let (a, b) = (old.as_bytes(), new.as_bytes());

@@ -36,8 +36,8 @@ pub(crate) struct End<'n> {
 }
 
 impl<'t, 'a> Check<'t, 'a> {
-    /// Resolves the wires of one input of a node. Adds the nodes that the wires come from to `reads`, and the axes
-    /// that each wire gathers to `gathers`.
+    /// Resolves the wires of one input of a node. Records the nodes that the wires come from in `reads`, and the
+    /// axes that each wire gathers in `gathers`.
     pub fn wires(
         &mut self,
         raw: &RawNode<'t>,
@@ -314,7 +314,7 @@ pub(crate) fn wire_names<'t>(
             if steps > MOST_WIRES {
                 return Err(Diagnostic::new(
                     field.span.clone(),
-                    "too many wires, or parameters that refer to each other in a cycle",
+                    "this input has too many wires, or its parameters refer to each other in a cycle",
                 ));
             }
             match value {

@@ -32,9 +32,9 @@ pub enum ContextField {
     Exhaustive,
     /// The names of the outputs connected to the inputs; see [`Context::wired`].
     Wired,
-    /// The axis values of the nodes above; see [`Context::points`].
+    /// The axis values of the nodes that the inputs come from; see [`Context::points`].
     Points,
-    /// The canonical graph above this node; see [`Context::recipe`].
+    /// The canonical graph upstream of this node; see [`Context::recipe`].
     Recipe,
 }
 
@@ -59,8 +59,8 @@ pub(crate) struct ReadSource {
     pub bytes: u64,
 }
 
-/// Services of the engine for a running node: context fields, files, tiles on several threads, parts, progress,
-/// cancellation and counts.
+/// Services of the engine for a running node: context fields, source files, tiles on several threads, parts,
+/// progress, cancellation and work counters.
 pub struct Context {
     pub(crate) scene: Scene,
     pub(crate) reads: &'static [ContextField],
@@ -135,8 +135,8 @@ impl Context {
         self.scene.exhaustive
     }
 
-    /// The canonical graph above this node, for the metadata of written pictures. Its nodes are numbered in order,
-    /// all parameters are written out, and sources are named by digest. The kind must declare
+    /// The canonical graph upstream of this node, for the metadata of written pictures. Its nodes are numbered in
+    /// order, all parameters are written out, and sources are named by digest. The kind must declare
     /// [`ContextField::Recipe`].
     pub fn recipe(&self) -> Option<&str> {
         self.declared(ContextField::Recipe);
@@ -182,7 +182,7 @@ impl Context {
         Self { progress: Box::new(progress), ..self }
     }
 
-    /// Makes the context list these files as sources. For tests of kinds.
+    /// Makes the context accept these files as the sources that the kind listed. For tests of kinds.
     pub fn having_listed(mut self, files: &[SourceFile]) -> Self {
         let read = |file: &SourceFile| {
             let content = std::fs::read(&file.path).unwrap_or_default();
@@ -236,7 +236,7 @@ impl Context {
         self.cpu.load(Ordering::Relaxed) as f64 * 1e-9
     }
 
-    /// Adds `n` to the count of work with this name, such as `rays` or `blends`. Counts must be deterministic.
+    /// Adds `n` to the work counter `name`, such as `rays` or `blends`. Counts must be deterministic.
     pub fn count(&self, name: &'static str, n: u64) {
         let mut counts = self.counts.lock().unwrap_or_else(PoisonError::into_inner);
         *counts.entry(name).or_default() += n;
@@ -249,10 +249,10 @@ impl Context {
 
     /// Computes a part of the node's work, or takes it from the cache. The key of the part consists of the kind,
     /// the name and version of the part, the content of the named inputs and `extra`, which must contain every
-    /// parameter and number that `value` reads. The counts made by `value` are stored with the part, so that the
+    /// parameter and number that `value` reads. The work that `value` counts is stored with the part, so that the
     /// counts of a node cover all of its work even if parts came from the cache. Compute one part at a time. If
-    /// another node or process is computing the part, this returns an error that must be passed on; the node is
-    /// tried again later.
+    /// another node or process is computing the part, this returns an error, which the kind must return too; the
+    /// node is then tried again later.
     pub fn part<A: Artifact>(
         &self,
         part: Part<'_>,
@@ -346,7 +346,7 @@ impl Context {
         self.read_source(&self.root.file(file))
     }
 
-    /// The bytes of a file that a source file refers to, such as a glTF buffer.
+    /// The bytes of the file `name` to which the source file `file` refers, such as a glTF buffer.
     pub fn read_beside(&self, file: &InputFile, name: &str) -> Result<Vec<u8>, NodeError> {
         self.read_source(&self.root.beside(&self.root.file(file), name))
     }

@@ -32,7 +32,7 @@ pub struct Sizes {
 }
 
 impl Sizes {
-    /// Total size of the values of a port; 0 if the port is not wired.
+    /// Total size of the values at an input port; 0 if the port is not wired.
     pub fn of(&self, port: &str) -> f64 {
         self.ports.iter().find(|(name, _)| *name == port).map_or(0.0, |(_, size)| *size as f64)
     }
@@ -53,7 +53,7 @@ pub enum Keep {
     Cheap,
 }
 
-/// Parameters that only former versions of a kind had, and what replaces them.
+/// Parameters that a kind no longer has, with advice on how to replace them.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Former {
     /// The former parameters. If a node has several of them, they are reported as one mistake.
@@ -80,7 +80,7 @@ pub enum ViewCount {
     Unknown,
     /// Fixed number of views.
     Known(usize),
-    /// As many views as the first of these inputs that is connected and whose number of views is known.
+    /// The number of views of the first of these inputs that is connected and has a known number of views.
     As(&'static [&'static str]),
 }
 
@@ -126,8 +126,8 @@ pub trait Kind: 'static {
 
     /// Compiled-in data that may change without a new version, such as weights. Its digest enters the key.
     const DATA: &'static [u8] = &[];
-    /// True if `run` takes microseconds for any input. A plan then runs the node to determine which nodes below it
-    /// would run.
+    /// True if `run` takes microseconds for any input. A plan then runs the node to determine which nodes
+    /// downstream of it would run.
     const INSTANT: bool = false;
 
     /// Ways to reduce the work of the kind, for `watch`, presets and forecasts.
@@ -157,13 +157,13 @@ pub trait Kind: 'static {
         sizes.total()
     }
 
-    /// The files that `run` reads. An implementation may read only headers to find them.
+    /// The files that `run` reads. To find them, an implementation must not read more of a file than its header.
     fn sources(_params: &Self::Params, _root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
         Ok(Vec::new())
     }
 
-    /// Describes what replaces the field `name`. Returns `None` unless a former version of the kind had a parameter
-    /// with this name. `fields` contains the names and texts of all fields of the node.
+    /// Advice for a node that still has the field `name`. Returns `None` unless a former version of the kind had a
+    /// parameter with this name. `fields` contains the names and texts of all fields of the node.
     fn former(_name: &str, _fields: &[(&str, &str)]) -> Option<Former> {
         None
     }
@@ -178,8 +178,8 @@ pub trait Kind: 'static {
         Ok(())
     }
 
-    /// The number of views in the outputs, if it is known before anything runs. A sink of more than one view needs
-    /// `{view}` in its path.
+    /// The number of views in the outputs, if it is known before anything runs. A sink that writes more than one
+    /// view needs `{view}` in its path.
     fn views(_params: &Self::Params, _root: &SourceRoot) -> ViewCount {
         ViewCount::Unknown
     }

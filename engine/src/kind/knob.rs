@@ -6,11 +6,12 @@ use serde::Serialize;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum KnobKind {
-    /// Number of random samples. The error is noise, which falls with the square root of the work.
+    /// Number of random samples. The error is noise, which is inversely proportional to the square root of the
+    /// work.
     Samples,
     /// Resolution of an intermediate image, not of the final picture.
     Resolution,
-    /// Number of terms of a series, such as light bounces.
+    /// Number of terms of a series, such as the number of light bounces.
     Depth,
     /// Relative size below which contributions are left out.
     Cutoff,

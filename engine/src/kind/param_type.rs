@@ -202,7 +202,7 @@ impl ParamType for OutputFile {
 
 /// A parameter whose type is known only at run time.
 pub trait ParamValue {
-    /// [`ParamType::key_text`].
+    /// See [`ParamType::key_text`].
     fn key_text(&self) -> Result<Option<String>, NotCanonical>;
     /// The canonical text of the whole value.
     fn text(&self) -> Result<String, NotCanonical>;

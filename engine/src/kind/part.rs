@@ -21,9 +21,9 @@ pub struct Part<'a> {
 pub(crate) trait PartStore: Send + Sync {
     /// The stored bytes of a part, and the time and counts of its computation.
     fn load(&self, part: Part<'_>, extra: &str) -> Option<(Vec<u8>, Effort)>;
-    /// Acquires the lease of a part. If the lease is held by another node or process, returns an error that makes
-    /// the engine try the node again once the lease is free. Never waits, since a caller on the same thread may
-    /// hold the lease.
+    /// Acquires the lease of a part. Returns `None` if the part cannot have a key. If another node or process holds
+    /// the lease, returns an error that makes the engine try the node again once the lease is free. Never waits,
+    /// since a caller on the same thread may hold the lease.
     fn claim(&self, part: Part<'_>, extra: &str) -> Result<Option<Lease>, NodeError>;
     fn save(&self, part: Part<'_>, extra: &str, encoded: &[u8], spent: Effort) -> Result<(), NodeError>;
     /// Returns the value of a part if it is still in memory.

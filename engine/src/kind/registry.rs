@@ -9,6 +9,7 @@ use crate::kind::fields::Fields;
 use crate::kind::param_type::{ParamValue, Role};
 use crate::kind::params::{ParamSpec, Params};
 use crate::kind::port::{Inputs, Outputs, PortSpec, Wired};
+use crate::text::diag::{Code, Diagnostic};
 use crate::value::artifact::AnyArtifact;
 use crate::value::error::{NodeError, guarded};
 use crate::value::note::Notes;
@@ -71,11 +72,20 @@ impl<K: Kind> Step for StepOf<K> {
     }
 }
 
-/// Type of [`Kind::former`]. The arguments are the name of a field, and the names and texts of all fields of the
-/// node.
-type FormerField = fn(&str, &[(&str, &str)]) -> Option<Former>;
+/// [`Kind::former`], with a panic as an error. The arguments are the name of a field, and the names and texts of all
+/// fields of the node.
+type FormerField = fn(&str, &[(&str, &str)]) -> Result<Option<Former>, NodeError>;
 
-/// A kind in the form that the engine uses.
+/// Reads the parameters of a kind. A panic in the code that reads them is reported as a mistake.
+pub(crate) fn read_params<P: Params>(fields: &mut Fields<'_, '_>) -> Option<P> {
+    guarded(|| Ok(P::read(fields))).unwrap_or_else(|error| {
+        let mistake = Diagnostic::caused_by(Code::Parameters, fields.node_span.clone(), error);
+        fields.diagnostics.push(mistake);
+        None
+    })
+}
+
+/// A registered kind: its description, and functions that call its code.
 pub struct KindEntry {
     /// Kebab-case name.
     pub name: &'static str,
@@ -132,9 +142,9 @@ impl KindEntry {
             preview: K::PREVIEW,
             folders: K::FOLDERS,
             supplied: K::SUPPLIED,
-            former: K::former,
+            former: |name, fields| guarded(|| Ok(K::former(name, fields))),
             read: |fields| {
-                let step: Arc<dyn Step> = Arc::new(StepOf::<K>(K::Params::read(fields)?));
+                let step: Arc<dyn Step> = Arc::new(StepOf::<K>(read_params::<K::Params>(fields)?));
                 Some(step)
             },
         }

@@ -1,7 +1,7 @@
 //! Tiles: parts of one node's work that run on all free threads.
 //!
 //! The thread that runs the code of a node works through its tiles, and *helpers* join in as long as fewer than the
-//! permitted number of threads are busy. A helper checks this before each tile. So a node that starts gets a
+//! permitted number of threads are busy. A helper checks this before each tile. A node that starts therefore gets a
 //! processor core within the time of one tile, whatever else is running. No thread ever runs the code of one node
 //! within the code of another.
 
@@ -32,8 +32,8 @@ impl Drop for Busy<'_> {
 }
 
 impl Threads {
-    /// Creates a set of threads of which at most `limit` compute at the same time. This number may be exceeded for
-    /// the time of one tile.
+    /// Creates a set of threads of which at most `limit` compute at the same time. More may compute for the time of
+    /// one tile.
     pub fn new(limit: usize) -> Self {
         Self { limit: limit.max(1), busy: AtomicUsize::new(0), helpers: OnceLock::new() }
     }
@@ -142,7 +142,7 @@ impl<'t> Tiles<'t> {
     }
 
     /// Runs tiles on a helper for the time [`TURN`]. The helper then spawns its next turn instead of continuing the
-    /// loop, since it may run on a thread that waits for its own tiles.
+    /// loop, so that the thread can do other work in between.
     fn help<'s>(&'s self, scope: &rayon::Scope<'s>) {
         let start = Instant::now();
         loop {

@@ -108,7 +108,7 @@ pub struct ResultDifferences {
     pub compared: usize,
     /// Nodes whose results differ.
     pub unequal: Vec<ResultDifference>,
-    /// Names of the nodes that have no result in the first graph, and of those that have none in the second graph.
+    /// For the first and for the second graph, the names of the nodes that have no result there.
     pub unknown: [Vec<String>; 2],
 }
 

@@ -48,8 +48,8 @@ impl Engine {
     }
 
     /// The value of an output in the last run of a graph: from the store or, if only its digest was stored,
-    /// recomputed with the nodes above it. `None` if neither gives a value with the digest of that run. For tests
-    /// and viewers.
+    /// recomputed with the nodes upstream of it. `None` if neither gives a value that has the digest of the last
+    /// run. For tests and viewers.
     pub fn value<A: Artifact>(&self, graph: &Graph, wire: Wire) -> Option<A> {
         let output = self.last_output(graph, wire)?;
         let bytes = match output.stored {

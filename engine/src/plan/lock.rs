@@ -45,7 +45,7 @@ pub enum LockError {
     Format {
         /// Name of the file.
         name: String,
-        /// Format number in the lock.
+        /// Version of the format of the lock.
         format: u32,
     },
 }
@@ -53,7 +53,8 @@ pub enum LockError {
 /// Differences between a lock and the current state, one line each.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct LockDifferences {
-    /// Differences in kinds and inputs. Because of these, a new run may give other results than those in the lock.
+    /// Differences in kinds and inputs. If there are any, a new run may give results that differ from the results
+    /// in the lock.
     pub before: Vec<String>,
     /// Differences between the results in the lock and the current results.
     pub results: Vec<String>,
@@ -105,8 +106,8 @@ impl Lock {
     /// Parses a lock.
     ///
     /// # Errors
-    /// If the text is not a lock; the message contains the position of the mistake. Also if the lock has another
-    /// format.
+    /// If the text is not a lock (the message contains the position of the mistake), or if the lock has a format
+    /// that this version does not read.
     pub fn parse(source: &Source) -> Result<Self, LockError> {
         let name = source.name.clone();
         let lock: Self = ron::from_str(&source.text)

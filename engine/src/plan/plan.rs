@@ -1,8 +1,8 @@
 //! Plans: what a run would do and why. A plan computes nothing that takes time.
 //!
-//! A node is known if its key is in the store. If it is not, the keys of the nodes below are unknown, since they
-//! depend on its result. A plan runs kinds that are [`INSTANT`](crate::Kind::INSTANT) (a pose, a rig), so that it
-//! shows exactly which nodes an edit affects.
+//! A node is known if its key is in the store. If it is not, the keys of the nodes downstream are unknown, since
+//! they depend on its result. A plan runs kinds that are [`INSTANT`](crate::Kind::INSTANT) (a pose, a rig), so that
+//! it shows exactly which nodes an edit affects.
 
 use std::path::Path;
 
@@ -150,8 +150,8 @@ impl Engine {
         Past { spent, changes: planned.manifest.as_ref().and_then(change).unwrap_or_default() }
     }
 
-    /// Time, memory and counts of work that the code of a node would take without a cache. They come from the last
-    /// run of the node with this name in this graph file.
+    /// Time, memory and work counts of a node without a cache, as measured in the last run of the node with this
+    /// name in this graph file.
     pub fn spent(&self, graph: &Graph, node: usize) -> Option<Spent> {
         last_outputs(self.store(), graph, &graph.nodes[node]).map(|record| record.spent)
     }
@@ -252,7 +252,7 @@ impl<'a> Outlook<'a> {
         node.step.work(&sizes).ok()
     }
 
-    /// The action of a node with known inputs.
+    /// The [`Action`] of a node. The outputs of the nodes that it reads must be known.
     fn action(&self, index: usize) -> Result<Action, NodeError> {
         let output = |wire: Wire| -> &Output {
             &self.records[wire.node].as_ref().expect("only nodes with known inputs are looked up").outputs
@@ -316,8 +316,8 @@ impl<'a> Outlook<'a> {
     }
 }
 
-/// Fraction of a node's work that is new, from 0 to 1. It can be less than 1 only if the value of `refines` is the
-/// only change.
+/// Fraction of a node's work that is new, from 0 to 1. It is less than 1 only if nothing but the parameter
+/// `refines` has changed.
 fn new_share(fate: &Fate, refines: Option<&str>) -> f64 {
     let Fate::Runs(Why::Changed(changes)) = fate else { return 1.0 };
     let ([Change { path, old: Some(old), new: Some(new) }], Some(refines)) = (changes.as_slice(), refines)
@@ -330,7 +330,7 @@ fn new_share(fate: &Fate, refines: Option<&str>) -> f64 {
     }
 }
 
-/// The differences between two manifests, in the notation of graph files.
+/// The differences between two manifests, with values in the notation of graph files.
 fn written(old: &Manifest, new: &Manifest) -> Vec<Change> {
     Manifest::difference(old, new).into_iter().map(as_written).collect()
 }

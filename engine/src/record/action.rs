@@ -60,8 +60,8 @@ pub(crate) fn known_sources(files: &[SourceFile], store: &Store) -> Option<Vec<R
     files.iter().map(known).collect()
 }
 
-/// Makes the key of a node, using `memory` as a buffer. `output` returns the output from which a wire comes, and
-/// `sources_above` returns the source files of a node above.
+/// Makes the action of a node with its key, using `memory` as a buffer. `output` returns the output from which a
+/// wire comes, and `sources_above` returns the source files of an upstream node.
 pub(crate) fn prepare<'s>(
     graph: &Graph,
     index: usize,
@@ -120,25 +120,24 @@ pub(crate) fn sizes<'s>(node: &Node, sources: &[ReadSource], output: impl Fn(Wir
     }
 }
 
-/// The last two keys, newest first, of the node that has the name of `node` in the graph file that has the name of
-/// `graph`.
+/// The last two keys of a node, newest first. The history is found by the names of the graph file and of the node.
 fn keys_of(store: &Store, graph: &Graph, node: &Node) -> Vec<Digest> {
     let bytes = store.history_get(&history_of(graph), &node.id).unwrap_or_default();
     bytes.as_chunks::<32>().0.iter().map(|key| Digest::from_bytes(*key)).collect()
 }
 
-/// The record of the last run of the node that has the name of `node`.
+/// The record of the last run of a node, found by the names of the graph file and of the node.
 pub(crate) fn last_outputs(store: &Store, graph: &Graph, node: &Node) -> Option<Record> {
     look_up(store, node, keys_of(store, graph, node).first()?)
 }
 
-/// Time, counts and manifest of the last run of the node that has the name of `node`.
+/// Time, counts and manifest of the last run of a node, found by the names of the graph file and of the node.
 pub(crate) fn last_run(store: &Store, graph: &Graph, node: &Node) -> Option<(Spent, Manifest)> {
     let bytes = store.get_record(keys_of(store, graph, node).first()?)?;
     Some((Record::decode(&bytes, node).ok()?.spent, Record::manifest(&bytes)?))
 }
 
-/// The manifest of the newest key that differs from `now` in the history of the node that has the name of `node`.
+/// The manifest of the newest key, other than `now`, in the history of a node.
 pub(crate) fn manifest_before(store: &Store, graph: &Graph, node: &Node, now: &Digest) -> Option<Manifest> {
     let before = keys_of(store, graph, node).into_iter().find(|key| key != now)?;
     Record::manifest(&store.get_record(&before)?)

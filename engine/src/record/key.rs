@@ -1,7 +1,7 @@
 //! Keys: digests of everything that a result depends on, and of nothing else.
 //!
-//! Inputs enter by content digest. So if a node runs again and gives equal outputs, the nodes below it do not run
-//! again. Node names, layout, output paths, threads and the machine do not enter.
+//! Inputs enter by content digest. So if a node runs again and gives equal outputs, the nodes downstream of it do
+//! not run again. Node names, layout, output paths, threads and the machine do not enter.
 
 use cache::{Digest, Key, KeyWriter};
 

@@ -27,12 +27,18 @@ impl Pace {
         Self(runs.filter(sound).collect())
     }
 
-    /// Adds a run of a kind that took `seconds` for `work`.
+    /// Adds a run that took `seconds` for `work`.
+    pub fn add(&mut self, work: f64, seconds: f64) {
+        self.0.insert(0, (work.max(1.0), seconds));
+        self.0.truncate(KEPT);
+    }
+
+    /// Stores a run of a kind that took `seconds` for `work`.
     pub fn learn(store: &Store, kind: &KindEntry, work: f64, seconds: f64) {
-        let mut runs = Self::of(store, kind).0;
-        runs.insert(0, (work.max(1.0), seconds));
-        runs.truncate(KEPT);
-        let bytes: Vec<u8> = runs
+        let mut pace = Self::of(store, kind);
+        pace.add(work, seconds);
+        let bytes: Vec<u8> = pace
+            .0
             .iter()
             .flat_map(|(work, seconds)| [work.to_le_bytes(), seconds.to_le_bytes()])
             .flatten()

@@ -1,4 +1,4 @@
-//! Recipes: the canonical graph above a node as text, for the metadata of written pictures.
+//! Recipes: the canonical graph upstream of a node as text, for the metadata of written pictures.
 //!
 //! Nodes are numbered in the order in which they are first read. All parameters are written, since defaults may
 //! change, and kinds are listed with their versions. Paths are reduced to file names; the content digests of the
@@ -88,8 +88,8 @@ pub(crate) fn recipe<'s>(
     text + &files
 }
 
-/// Returns the last component of a path. Returns [`ANY_FOLDER`] for `.` and `..`, since the name of that folder
-/// depends on the location of the graph.
+/// Returns the last component of a path. Returns [`ANY_FOLDER`] for `.` and `..`, since the names of these folders
+/// depend on the location of the graph.
 pub(crate) fn last(path: &str) -> &str {
     let path = path.trim_end_matches('/');
     match path.rsplit('/').next().unwrap_or(path) {
@@ -106,8 +106,8 @@ pub(crate) fn one_line_name(path: &str) -> String {
     last(path).replace(char::is_control, "_")
 }
 
-/// Returns the part of the name of a picture that affects how the picture is made: its extension, and whether it
-/// has `{view}`.
+/// Returns the part of the name of a picture that affects how the picture is made: its extension, and `{view}` if
+/// the name contains it.
 fn output_name(path: &str) -> String {
     let ending = last(path)
         .rsplit_once('.')
@@ -115,7 +115,7 @@ fn output_name(path: &str) -> String {
     format!("{}{ending}", if path.contains("{view}") { "{view}" } else { "out" })
 }
 
-/// `target` and the nodes above it, inputs first, in the order of the ports.
+/// `target` and the nodes upstream of it, inputs first, in the order of the ports.
 fn reading_order(graph: &Graph, target: usize) -> Vec<usize> {
     let mut order = Vec::new();
     let mut seen = vec![false; graph.nodes.len()];

@@ -141,9 +141,7 @@ impl Record {
         let mut from = Decoder::new(body);
         let ports = &node.kind.outputs;
         if from.length(53)? != ports.len() {
-            return Err(Corrupt(
-                "the number of outputs in the record is not the number of outputs of the kind".to_owned(),
-            ));
+            return Err(Corrupt("the record and the kind have different numbers of outputs".to_owned()));
         }
         let mut outputs = Vec::with_capacity(ports.len());
         for ArtifactType { name, format, .. } in ports.iter().map(|port| port.artifact) {

@@ -9,7 +9,7 @@ use crate::graph::reads::ReadFiles;
 /// The output files of a run.
 #[derive(Default)]
 pub(crate) struct Claims {
-    /// The index of the sink that writes each file.
+    /// For each file, the index of the sink that writes it.
     writers: BTreeMap<PathBuf, usize>,
     /// Files that no sink may overwrite.
     read: OnceCell<ReadFiles>,

@@ -64,7 +64,7 @@ impl Engine {
 
     /// Makes the engine keep values and the end state of each run for the next run. The values take up to a third
     /// of the memory budget. For processes that run a graph repeatedly: the next run inspects only nodes that
-    /// changed and the nodes below them, and reports only these nodes and the files of sinks.
+    /// changed and the nodes downstream of them, and reports only these nodes and the files of sinks.
     pub fn keeping(self) -> Self {
         let Limits { jobs, memory } = self.limits();
         let limits = OnceLock::from(Limits { jobs, memory: memory / 3 * 2 });

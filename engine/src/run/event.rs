@@ -9,7 +9,7 @@ use crate::text::diag::Mistake;
 use crate::value::counts::Counts;
 use crate::value::note::Note;
 
-/// The way in which a node or a part ended.
+/// Outcome of a node or a part.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum State {
@@ -59,7 +59,7 @@ pub enum Event {
         /// Wall time in seconds.
         seconds: f64,
     },
-    /// Work of a thread for a node. Sent only if [`crate::RunOptions::trace`] is set.
+    /// A period during which a thread worked for a node. Sent only if [`crate::RunOptions::trace`] is set.
     Span {
         /// Name of the node.
         id: String,
@@ -98,7 +98,7 @@ pub enum Event {
         counts: Counts,
         /// Notes of the node, whether it ran or was cached.
         notes: Vec<Note>,
-        /// True if the result of this node, or of a node above it, is worse than what the graph asks for.
+        /// True if the result of this node, or of an upstream node, is worse than what the graph asks for.
         degraded: bool,
         /// The error, if the node failed.
         #[serde(skip_serializing_if = "Option::is_none")]
@@ -110,7 +110,7 @@ pub enum Event {
         id: String,
         /// Path of the file.
         path: PathBuf,
-        /// False if an equal file existed already.
+        /// True if the file was written, false if an equal file existed already.
         written: bool,
         /// True if the file shows a preview, which a later run replaces.
         #[serde(skip_serializing_if = "std::ops::Not::not")]
@@ -137,7 +137,7 @@ pub enum Event {
         level: u64,
         /// The value of the parameter in the graph.
         of: u64,
-        /// Side length in pixels of the blocks in which only one pixel is computed; 1 if all pixels are computed.
+        /// Side length, in pixels, of the blocks in which only one pixel is computed; 1 if all pixels are computed.
         coarse: u64,
     },
     /// The graph has mistakes, or nodes failed.
@@ -182,7 +182,7 @@ pub struct Totals {
     pub seconds: f64,
     /// CPU time of this process during the run in seconds, including the storing of results.
     pub cpu_seconds: f64,
-    /// Peak memory of values in bytes, by the estimates of their types.
+    /// Peak memory of values in bytes, as estimated by their types.
     pub peak_bytes: u64,
     /// Counts of work, summed over all nodes that ran.
     pub counts: Counts,
@@ -231,8 +231,8 @@ fn hex_option<S: Serializer>(digest: &Option<Digest>, to: S) -> Result<S::Ok, S:
 /// Summary of a plan.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct Forecast {
-    /// Number of nodes that may run. Fewer may actually run, since a node is skipped if its inputs, once
-    /// recomputed, equal those of its last run.
+    /// Number of nodes that may run. Fewer may actually run, since a node does not run if its inputs, after they
+    /// were recomputed, equal the inputs of its last run.
     pub open: usize,
     /// Number of nodes that the targets need.
     pub wanted: usize,

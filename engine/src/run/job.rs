@@ -27,9 +27,9 @@ use crate::value::counts::Effort;
 use crate::value::error::{NodeError, NodeErrorKind, guarded};
 use crate::value::files::Files;
 
-/// Name of the count of bytes that a node's inputs and source files take in memory.
+/// Name of the counter for the size in memory of a node's inputs and source files, in bytes.
 const BYTES_READ: &str = "bytes_read";
-/// Name of the count of bytes that a node's outputs take in memory.
+/// Name of the counter for the size in memory of a node's outputs, in bytes.
 const BYTES_MADE: &str = "bytes_made";
 
 /// A node whose code runs on a thread.

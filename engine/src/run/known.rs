@@ -1,4 +1,4 @@
-//! The keys of the nodes that ran or are running, and the times of earlier runs of each kind.
+//! The keys of the nodes that ran or are running, and forecasts from earlier runs of each kind.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -64,7 +64,14 @@ impl Known {
         self.paces.entry(kind.name).or_insert_with(|| Pace::of(store, kind)).seconds(work)
     }
 
-    /// Checks in debug builds that the keys agree with the slots.
+    /// Records that a node of this kind took `seconds` for `work`. Forecasts from now on use it.
+    pub fn learn(&mut self, kind: &KindEntry, work: f64, seconds: f64) {
+        if let Some(pace) = self.paces.get_mut(kind.name) {
+            pace.add(work, seconds);
+        }
+    }
+
+    /// Checks, in debug builds only, that the keys agree with the slots.
     pub fn check(&self, slots: &[Slot]) {
         let leading = slots.iter().filter(|slot| slot.leads());
         let mut keys = 0;

@@ -1,4 +1,4 @@
-//! Memory accounting: the bytes of values that may still be read, and the estimates for running code.
+//! Memory accounting: the size of the values that may still be read, and the estimated needs of running code.
 
 use crate::graph::graph::Graph;
 use crate::run::slot::{Life, Slot};
@@ -70,7 +70,7 @@ impl Memory {
         }
     }
 
-    /// Checks in debug builds that the counters agree with the slots.
+    /// Checks, in debug builds only, that the counters agree with the slots.
     pub fn check(&self, graph: &Graph, slots: &[Slot]) {
         assert_eq!(
             self.held,

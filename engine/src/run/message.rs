@@ -46,9 +46,9 @@ pub(crate) enum Message {
     },
 }
 
-/// A message that a thread must send, since the scheduler waits for it. If the thread panics first, the message
-/// that `otherwise` makes from an error is sent instead. The thread itself must create this value, so that work
-/// that never starts owes no message.
+/// A message that a thread must send, since the scheduler waits for it. If the thread panics before it sends one,
+/// the message that `otherwise` makes from an error is sent instead. The thread itself must create this value, so
+/// that no message is sent for work that never starts.
 pub(crate) struct Owed<'s, F: FnOnce(NodeError) -> Message> {
     sender: &'s Sender<Message>,
     otherwise: Option<F>,
@@ -65,7 +65,7 @@ impl<'s, F: FnOnce(NodeError) -> Message> Owed<'s, F> {
         self.cancel();
     }
 
-    /// Drops the obligation, because another message was sent in place of this one.
+    /// Cancels the duty to send this message, because another message was sent in its place.
     pub fn cancel(mut self) {
         self.otherwise = None;
     }

@@ -14,12 +14,12 @@ pub struct RunOptions {
     pub out: PathBuf,
     /// The files of the graph itself, which no sink may overwrite.
     pub texts: Vec<PathBuf>,
-    /// Target nodes; empty stands for [`Graph::targets`](crate::Graph::targets).
+    /// Indices of the target nodes. An empty list stands for [`Graph::targets`](crate::Graph::targets).
     pub only: Vec<usize>,
     /// Flag that the caller sets to cancel the run. The results of finished nodes are kept.
     pub cancel: Arc<AtomicBool>,
-    /// Nodes that are reduced for a preview. The results of these nodes and of the nodes below them are not
-    /// recorded as the last run, and their files are marked as previews.
+    /// Nodes that are reduced for a preview. The results of these nodes and of the nodes downstream of them are not
+    /// recorded as results of the last run, and their files are marked as previews.
     pub rough: Vec<usize>,
     /// True to report the work of each thread as [`Event::Span`](crate::Event::Span)s.
     pub trace: bool,
@@ -30,6 +30,6 @@ pub struct RunOptions {
 pub struct Outcome {
     /// Counts of nodes and work.
     pub totals: Totals,
-    /// Failures, with their positions in the graph file.
+    /// Failures of nodes, with their positions in the graph file; `None` if no node failed.
     pub failures: Option<Diagnostics>,
 }

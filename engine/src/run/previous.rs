@@ -1,5 +1,5 @@
 //! The end state of the previous run in the same process. If few nodes of the graph changed, the next run inspects
-//! only the changed nodes and the nodes below them.
+//! only the changed nodes and the nodes downstream of them.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -23,7 +23,7 @@ pub(crate) struct PreviousRun {
     pub slots: Vec<Slot>,
 }
 
-/// The nodes whose results may differ from those of the previous run.
+/// The nodes whose results may differ from their results in the previous run.
 pub(crate) struct Cone {
     /// For each node, true if its result may differ, or if no target needs the node.
     pub of: Vec<bool>,
@@ -33,17 +33,18 @@ pub(crate) struct Cone {
 }
 
 impl PreviousRun {
-    /// Keeps the end state of each node, without values. `None` for an untrusted graph, for which every run must
-    /// check the output folder for links.
+    /// Keeps the end state of each node, without values. Returns `None` for an untrusted graph, since every run of
+    /// such a graph must check the output folder for links.
     pub fn of(graph: &Graph, only: &[usize], mut slots: Vec<Slot>) -> Option<Self> {
         slots.iter_mut().for_each(Slot::rest);
         let (nodes, root) = (graph.nodes.clone(), graph.root.clone());
         (!root.is_confined()).then(|| Self { nodes, scene: graph.scene, root, only: only.to_vec(), slots })
     }
 
-    /// The nodes that the run must inspect. These are the needed nodes that changed, whose source files changed,
-    /// that did not succeed, or whose output files are not up to date, and all nodes below them. `None` if the two
-    /// graphs differ in anything other than individual nodes, such as the scene or the number of nodes.
+    /// The nodes that the run must inspect. A node must be inspected if it is needed and has changed, has changed
+    /// source files, did not succeed, or has output files that are not up to date. All nodes downstream of such
+    /// nodes must be inspected too. `None` if the two graphs differ in anything other than individual nodes, such
+    /// as the scene or the number of nodes.
     pub fn cone(
         &self,
         graph: &Graph,

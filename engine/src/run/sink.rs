@@ -36,7 +36,7 @@ pub(crate) fn targets(
     Ok(files.iter().map(|file| (path(file), file.digest)).collect())
 }
 
-/// If all files of a sink are known to be up to date, returns the same as [`place`] without reading any file.
+/// Returns the same as [`place`], without reading any file, if all files of a sink are known to be up to date.
 /// Otherwise returns `None`.
 pub(crate) fn in_place(
     store: &Store,
@@ -51,8 +51,8 @@ pub(crate) fn in_place(
     targets.iter().map(one).collect()
 }
 
-/// Writes those files of a sink that are missing or have other bytes than the result. Returns `None` if a file must
-/// be written but its bytes are not in memory. If `confined` is given, a link below that folder is an error.
+/// Writes those files of a sink that are missing or differ from the result. Returns `None` if a file must be
+/// written but its bytes are not in memory. If `confined` is given, a link inside that folder is an error.
 pub(crate) fn place(
     store: &Store,
     targets: Vec<(PathBuf, Digest)>,

@@ -5,6 +5,7 @@ use cache::Digest;
 use crate::record::action::Action;
 use crate::record::record::Record;
 use crate::run::event::State;
+use crate::run::time_estimate::TimeEstimate;
 use crate::value::artifact::AnyArtifact;
 use crate::value::counts::Effort;
 
@@ -55,8 +56,8 @@ pub(crate) struct Slot {
     pub unresolved: usize,
     /// Number of input values that are needed but not in memory.
     pub missing: usize,
-    /// Number of consumers that may need the values: unfinished nodes below, reruns of nodes below, and the node's
-    /// own files.
+    /// Number of consumers that may need the values: unfinished downstream nodes, reruns of downstream nodes, and
+    /// the node's own files.
     pub readers: usize,
     pub action: Action,
     pub key: Option<Digest>,
@@ -64,7 +65,7 @@ pub(crate) struct Slot {
     /// The values of the outputs. Empty if no value was kept.
     values: Vec<Value>,
     pub waiters: Vec<(usize, Waiter)>,
-    /// The stage to which the node returns after it has run again for its values. `None` if it is not to run again.
+    /// The stage to which the node returns after a rerun for its values. `None` if no rerun is pending.
     pub remaking: Option<Life>,
     /// True if the values of the node are lost because the rerun failed.
     pub lost: bool,
@@ -73,20 +74,18 @@ pub(crate) struct Slot {
     /// Number of messages that threads still have to send for the node.
     pub owed: usize,
     pub degraded: bool,
-    /// True if the node, or a node above it, is reduced for a preview.
+    /// True if the node, or an upstream node, is reduced for a preview.
     pub rough: bool,
-    /// Work of the node's code, in the units of the node's kind.
-    pub work: f64,
-    /// True if the forecast of the node is below the limit for short nodes; see `queue`.
-    pub short: bool,
+    /// Work and expected time of the node's code. Set when the key of the node is known.
+    pub time: TimeEstimate,
     /// Memory reserved for the node's code, in bytes.
     pub reserved: u64,
     /// Estimate of the memory that the node's code needs, in bytes; `None` before the first estimate.
     pub cost: Option<u64>,
     /// State in which the node ended; reported once its files are up to date.
     pub end: Option<State>,
-    /// Time and counts of the work for the result. Until the result is available, these are the time and counts of
-    /// the work that was done before the node was parked.
+    /// Time and counts of the work for the result. Before the result is available, they cover only the work that
+    /// was done before the node was parked.
     pub effort: Effort,
 }
 
@@ -115,8 +114,7 @@ impl Slot {
             owed: 0,
             degraded: false,
             rough: false,
-            work: 0.0,
-            short: false,
+            time: TimeEstimate::default(),
             reserved: 0,
             cost: None,
             end: None,

@@ -32,7 +32,7 @@ impl Tracer {
         result
     }
 
-    /// Sends an event for work that took `seconds` and ends now.
+    /// Sends an event for work that took `seconds` and has just ended.
     pub fn record(&self, id: &str, what: &str, seconds: f64) {
         let Some(sender) = &self.sender else { return };
         let event = Event::Span {

@@ -1,5 +1,5 @@
 //! Remembers across processes that a run found everything up to date. If nothing has changed since, the next run
-//! reports the same without parsing the graph or making keys.
+//! reports the same events without parsing the graph or making keys.
 //!
 //! A run depends on the program, the text of the graph, the kinds in it, the source files, and the output files.
 //! The text and the kinds are compared by digest, and the source files are listed again. The program and all files
@@ -46,9 +46,9 @@ pub fn run_unchanged(
     Some(Outcome { totals, failures: None })
 }
 
-/// Stores the outcome of a run that found everything up to date. Nothing is stored for an untrusted graph, for
-/// which every run must check the output folder for links, or if a file is so recent that it may change without a
-/// new stamp.
+/// Stores the outcome of a run that found everything up to date. Nothing is stored for an untrusted graph, since
+/// every run of such a graph must check the output folder for links. Nothing is stored either if a file is so
+/// recent that it may change without a new stamp.
 pub(crate) fn keep(store: &Store, graph: &Graph, out: &Path, slots: &[Slot]) {
     if let Some(bytes) = written(store, graph, out, slots) {
         store.last_run_put(&name(&graph.source, &graph.root), &bytes);
@@ -85,7 +85,7 @@ fn kind_digest(kind: &KindEntry) -> Digest {
     Digest::of(&of.finish())
 }
 
-/// The stamp of the file at `path`. `None` unless the store has recorded that a file with this stamp has the digest
+/// The stamp of the file at `path`. `None` if the store has no record that a file with this stamp has the digest
 /// `digest`.
 fn trusted(store: &Store, path: &Path, digest: &Digest) -> Option<[u8; 40]> {
     let stamp = FileStamp::of(path).ok()?;

@@ -9,7 +9,7 @@ use cache::Digest;
 use crate::record::record::Output;
 use crate::value::artifact::AnyArtifact;
 
-/// The most recently used values, by digest, type and format.
+/// The most recently used values, found by digest, type and format.
 #[derive(Default)]
 pub(crate) struct ValueCache {
     limit: u64,
@@ -99,7 +99,7 @@ pub fn default_memory() -> u64 {
     free_memory() / 4 * 3
 }
 
-/// Available memory in bytes without swapping; 8 GiB if the system does not report it.
+/// Memory in bytes that is available without swapping; 8 GiB if the system does not report it.
 fn free_memory() -> u64 {
     let text = std::fs::read_to_string("/proc/meminfo").unwrap_or_default();
     let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"));

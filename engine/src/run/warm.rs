@@ -5,8 +5,8 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use crate::run::previous::PreviousRun;
 use crate::run::value_cache::ValueCache;
 
-/// The most recently used values, and the end state of the last run, so that the next run inspects only what
-/// changed.
+/// The most recently used values, and the end state of the last run, so that the next run inspects only the nodes
+/// that changed.
 pub(crate) struct Warm {
     pub values: ValueCache,
     previous: Mutex<Option<PreviousRun>>,

@@ -1,7 +1,7 @@
 //! The threads of a run. They start when there is work for them and end with the run.
 //!
-//! The number of nodes that run code at once exceeds the permitted number of threads by at most one. Files are
-//! digested, loaded and written on additional threads, so that these small tasks never wait for large tasks.
+//! Small nodes may run in addition to as many nodes as threads are permitted. Files are digested, loaded and written
+//! on additional threads, so that these small tasks never wait for large tasks.
 
 use std::cell::Cell;
 use std::collections::VecDeque;
@@ -35,7 +35,7 @@ pub(crate) struct Workers<'a> {
 
 #[derive(Default)]
 struct Queue<'a> {
-    /// Code of nodes, which has priority.
+    /// Queued code of nodes, which has priority over other work.
     code: VecDeque<Work<'a>>,
     other: VecDeque<Work<'a>>,
     started: usize,
@@ -50,9 +50,9 @@ impl Queue<'_> {
 }
 
 impl<'a> Workers<'a> {
-    /// Threads for a run in which about `jobs` nodes run at once.
-    pub fn new(threads: &'a Threads, jobs: usize) -> Self {
-        Self { threads, most: 2 * jobs + 1, queue: Mutex::default(), changed: Condvar::new() }
+    /// At most `most` threads.
+    pub fn new(threads: &'a Threads, most: usize) -> Self {
+        Self { threads, most, queue: Mutex::default(), changed: Condvar::new() }
     }
 
     fn queue(&self) -> MutexGuard<'_, Queue<'a>> {

@@ -1,8 +1,8 @@
 //! Pairs the nodes of two recipes and lists their differences.
 //!
 //! A recipe numbers its nodes in reading order, so an additional node shifts all later numbers. Nodes are therefore
-//! paired from the sinks upwards: inputs of the same name and kind are paired. If the kinds differ, one of the
-//! nodes was inserted or removed.
+//! paired from the sinks upstream: if two paired nodes have inputs of the same name that come from nodes of the
+//! same kind, these nodes are paired too. If the kinds differ, one of the nodes was inserted or removed.
 
 use std::collections::{BTreeMap, HashMap, VecDeque};
 
@@ -33,11 +33,11 @@ struct Node<'s> {
     said: &'s Described,
     /// For each field that contains wires: its name, and the node index and output name of each wire.
     wires: Vec<(&'s str, Vec<(usize, String)>)>,
-    /// Digest of the node and everything above it, not including node names.
+    /// Digest of the node and everything upstream of it, not including node names.
     digest: Digest,
 }
 
-/// Parses a text such as `n3.image` as a wire to a node above. Only this form distinguishes wires from strings,
+/// Parses a text such as `n3.image` as a wire to an upstream node. Only this form distinguishes wires from strings,
 /// since the kind may be unknown to this version of lightharmony.
 fn wire<'t>(text: &'t str, above: &HashMap<&str, usize>) -> Option<(usize, &'t str)> {
     let (id, output) = text.split_once('.')?;
@@ -70,7 +70,7 @@ fn read(all: &[Described]) -> Vec<Node<'_>> {
     nodes
 }
 
-/// The pairs: for each node of the first recipe its counterpart in the second, and vice versa.
+/// The pairs found so far: for each node of the first recipe its counterpart in the second, and vice versa.
 struct Pairs<'s> {
     a: Vec<Node<'s>>,
     b: Vec<Node<'s>>,

@@ -35,10 +35,10 @@ pub struct Recipe {
 }
 
 impl Recipe {
-    /// Parses the recipe in a picture.
+    /// Parses the text of a recipe that was stored in a picture.
     ///
     /// # Errors
-    /// [`RecipeError::NoRecipe`] for any other text.
+    /// [`RecipeError::NoRecipe`] if `text` is not a recipe.
     pub fn parse(text: &str) -> Result<Self, RecipeError> {
         let rest = text.strip_prefix(HEAD).ok_or(RecipeError::NoRecipe)?;
         let (head, _) = rest.split_once('\n').ok_or(RecipeError::NoRecipe)?;
@@ -64,7 +64,7 @@ impl Recipe {
     }
 
     /// Descriptions of the kinds in the recipe that this version of lightharmony does not have, or has in another
-    /// version. Because of these, a new picture would differ.
+    /// version. If there are any, a new picture may differ from the original picture.
     pub fn other_kinds(&self, registry: &Registry) -> Vec<String> {
         let other = |(name, version, profile): &(String, u32, String)| match registry.get(name) {
             None => Some(format!("this version of lightharmony has no kind `{name}`")),
@@ -182,8 +182,8 @@ impl Recipe {
     }
 
     /// Compares the source files of a graph made from this recipe with those in the recipe, and describes the
-    /// differences. A file may have other content, such as a texture next to a model, and a node may read more
-    /// files, fewer files, or files in another order.
+    /// differences. The content of a file may differ, for example of a texture next to a model, and a node may read
+    /// more files, fewer files, or files in another order.
     ///
     /// # Errors
     /// If a file cannot be read.
@@ -216,5 +216,5 @@ impl Recipe {
     }
 }
 
-/// Addition to an error message if there were too many files to inspect.
+/// Text appended to an error message if there were too many files to inspect.
 const CUT: &str = "(the folders of `--inputs` contain too many files to search; name smaller folders)";

@@ -15,7 +15,7 @@ const MOST_FILES: usize = 200_000;
 /// Name and digest of a source file.
 type Read = (String, Digest);
 
-/// The folders given by the user, and all files in them. The files can be looked up by file name.
+/// The folders given by the user, and all files in these folders, which can be looked up by file name.
 #[derive(Default)]
 pub(crate) struct SourceIndex {
     roots: Vec<PathBuf>,
@@ -137,16 +137,17 @@ impl SourceIndex {
         if missing.is_empty() { Ok(paths) } else { Err(missing) }
     }
 
-    /// Finds the first file of `run`, a group of source files. Returns its path, and the number of files from the
-    /// start of the group that are in the folder of that file.
+    /// Finds the first file of `run`, a group of source files. Returns its path, and the length of the longest
+    /// prefix of `run` whose files are all in the folder of that file.
     fn file(&self, run: &[Read], store: &Store) -> Option<(String, usize)> {
         self.best(run.len(), self.first_of(run, store), |path| {
             path.parent().map_or(1, |folder| 1 + self.held(folder, &run[1..], store))
         })
     }
 
-    /// Finds the folder that has this name and contains the most files from the start of `run`. Returns its path
-    /// and the number of these files. If several folders contain equally many, the innermost is returned.
+    /// Finds the folder of this name that contains the longest prefix of `run`, a group of source files. Returns
+    /// its path and the length of the prefix. If several folders contain equally many files, the innermost is
+    /// returned.
     fn folder(&self, name: &str, run: &[Read], store: &Store) -> Option<(String, usize)> {
         let inside = |path: &&Path| self.roots.iter().any(|root| path.starts_with(root));
         let is_meant = |path: &&Path| {
@@ -165,8 +166,8 @@ impl SourceIndex {
         all.filter(|(path, digest)| self.has(path, digest, store)).map(|(path, _)| path.as_path())
     }
 
-    /// The candidate for which `held` returns the largest count, with that count; of equal candidates, the first.
-    /// The search ends early when a count reaches `all`.
+    /// The candidate for which `held` returns the largest count, with that count. Of several such candidates, the
+    /// first is returned. The search ends early when a count reaches `all`.
     fn best<'s>(
         &self,
         all: usize,
@@ -187,7 +188,7 @@ impl SourceIndex {
         best
     }
 
-    /// Number of files from the start of `run` that are inside a folder.
+    /// Length of the longest prefix of `run` whose files are all inside a folder.
     fn held(&self, folder: &Path, run: &[Read], store: &Store) -> usize {
         let lies = |(name, digest): &&Read| {
             let mut all = self.files.get(name).into_iter().flatten();
@@ -213,7 +214,7 @@ fn absent(name: &str, digest: Option<&Digest>) -> String {
             "no folder of `--inputs` contains the files that the node read".to_owned()
         }
         None => format!(
-            "no folder of `--inputs` is or contains `{name}` with the files this picture was made from"
+            "the folders of `--inputs` and their subfolders do not include a folder `{name}` with the files this picture was made from"
         ),
     }
 }
@@ -223,7 +224,7 @@ fn ambiguous(name: &str, wanted: &[String], sources: &[Read]) -> String {
     let times = wanted.iter().filter(|other| *other == name).count();
     let read = sources.iter().filter(|(source, _)| source == name).count();
     format!(
-        "the recipe does not identify the file `{name}` (fields of the node that name it: {times}; files with this name that the node read: {read}, of {} in total); use the graph itself, or a bundle of it",
+        "the recipe does not identify the file `{name}` (fields of the node that contain this name: {times}; files that the node read: {}, of these with this name: {read}); use the graph itself, or a bundle of it",
         sources.len()
     )
 }

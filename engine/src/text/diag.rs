@@ -9,6 +9,7 @@ use annotate_snippets::{AnnotationKind, Level, Renderer, Snippet};
 use serde::Serialize;
 
 use crate::text::source::{Piece, Source};
+use crate::value::error::NodeError;
 
 /// Category of a mistake. Its name in JSON is stable.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -42,11 +43,11 @@ pub enum Code {
     Wiring,
     /// Nodes that depend on each other in a cycle.
     Cycle,
-    /// A source file is missing or is not a file.
+    /// A source path that does not exist or is not a file.
     MissingFile,
     /// An output path that cannot be written.
     OutputPath,
-    /// An argument of `--set` that is not a setting.
+    /// An argument of `--set` that does not have the form of a setting.
     Setting,
     /// The node failed during a run.
     Failed,
@@ -79,6 +80,11 @@ impl Diagnostic {
     pub fn of(code: Code, span: Range<usize>, message: impl Into<String>) -> Self {
         let message = bounded(message.into());
         Self { code, span, message, label: String::new(), related: Vec::new(), hints: Vec::new() }
+    }
+
+    /// A mistake with the message and the advice of an error.
+    pub fn caused_by(code: Code, span: Range<usize>, error: NodeError) -> Self {
+        Self { hints: error.hint.iter().cloned().collect(), ..Self::of(code, span, error.message()) }
     }
 
     /// Sets the text next to the underline.
@@ -224,10 +230,10 @@ fn bounded(mut text: String) -> String {
     text
 }
 
-/// The name in `known` that is most similar to `found`. The number of edits between the two must be at most a third
-/// of the number of letters in `found`, where this limit is at least 1 and at most 3. An edit inserts, deletes or
-/// replaces a letter, or swaps two adjacent letters. If no name is similar, but exactly one name contains `found`
-/// as a word, returns that name (such as `yaw_deg` for `yaw`).
+/// The name in `known` that is most similar to `found`. The number of edits between the two may be at most a third
+/// of the number of letters in `found`, but at least 1 edit and at most 3 edits are permitted. An edit inserts,
+/// deletes or replaces a letter, or swaps two adjacent letters. If no name is similar, but exactly one name
+/// contains `found` as a word, returns that name (such as `yaw_deg` for `yaw`).
 pub fn nearest<'k>(found: &str, known: impl IntoIterator<Item = &'k str>) -> Option<&'k str> {
     // Only the first letters of long names are compared, since the time grows with the square of the length.
     let folded = |text: &str| -> String { text.to_lowercase().chars().take(64).collect() };

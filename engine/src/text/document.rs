@@ -48,7 +48,8 @@ pub(crate) struct RawScene<'t> {
 pub(crate) struct Document<'t> {
     pub version: Option<RawField<'t>>,
     pub scene: Option<RawScene<'t>>,
-    /// Version and scene of each other file of the graph. They are checked but not used.
+    /// The version and the scene of each included file and each file used as a subgraph. They are checked but not
+    /// used.
     pub others: Vec<(Option<RawField<'t>>, Option<RawScene<'t>>)>,
     /// The fields of `axes`.
     pub axes: Vec<RawField<'t>>,

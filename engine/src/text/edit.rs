@@ -10,7 +10,7 @@ pub struct Setting {
     pub node: String,
     /// Name of the field.
     pub field: String,
-    /// Value as RON. A plain word or path that is not valid RON is taken as a string.
+    /// Value as RON. A plain word or a path that is not valid RON is interpreted as a string.
     pub value: String,
 }
 
@@ -50,8 +50,8 @@ pub fn apply(source: &Source, settings: &[Setting]) -> Source {
     })
 }
 
-/// Converts shell input to RON. Shells tend to remove quotes, so input that is not valid RON is taken as a string,
-/// and so is a lower-case word or a path.
+/// Converts shell input to RON. Shells remove quotes, so a lower-case word, a path, or any input that is not valid
+/// RON is interpreted as a string.
 fn ron_text(value: &str) -> String {
     let first = value.chars().next().unwrap_or_default();
     let is_ron = matches!(value, "true" | "false")

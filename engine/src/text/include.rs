@@ -196,8 +196,8 @@ pub(crate) fn outside(name: &str, place: Range<usize>) -> Diagnostic {
         .hint("a graph from a bundle or a picture may read only files in the bundle and in the folders of `--inputs`")
 }
 
-/// Merges a document with the files that it includes, directly or through other files. The document's own scene
-/// takes precedence, then the scene of the first included file that has one.
+/// Merges a document with the files that it includes, directly or through other files. If the document has no
+/// scene, the scene of the first included file that has one is used.
 fn with_includes<'t>(
     at: usize,
     pieces: &[Piece],
@@ -233,8 +233,8 @@ fn with_includes<'t>(
     whole
 }
 
-/// Returns the definitions of the chosen preset, one from each file that defines it. The graph's own definition
-/// comes last, so that it overrides those of included files.
+/// Returns the definitions of the chosen preset, one from each file that defines it. The definition in the graph
+/// file comes last, so that it overrides the definitions in included files.
 fn preset<'t>(
     document: &Document<'t>,
     source: &'t Source,

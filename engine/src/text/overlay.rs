@@ -9,11 +9,11 @@ use crate::text::diag::{Code, Diagnostic, nearest, shown};
 use crate::text::document::{Document, RawField, RawNode, RawScene};
 use crate::text::syntax::twice;
 
-/// The overlays of each node. The key is the name of the node. Later overlays override earlier overlays.
+/// The overlays of each node, by the name of the node. Later overlays override earlier overlays.
 #[derive(Debug, Default)]
 pub(crate) struct Overlays<'t> {
     nodes: BTreeMap<Cow<'t, str>, Vec<RawNode<'t>>>,
-    /// Names and byte ranges of the axes that only an overlay defines.
+    /// Names and byte ranges of the axes that are defined only in overlays.
     axes: Vec<(&'t str, Range<usize>)>,
 }
 
@@ -84,15 +84,18 @@ impl<'t> Overlays<'t> {
         }
     }
 
-    /// Reports overlays of nodes that do not exist. Also reports axes that only an overlay defines and no node
-    /// reads.
+    /// Reports overlays of nodes that do not exist. Also reports axes that are defined only in an overlay and are
+    /// not read by any node.
     pub fn report_unused(self, document: &Document<'t>, diagnostics: &mut Vec<Diagnostic>) {
         let given = || document.scopes.iter().flat_map(|scope| &scope.values);
         let fields = || document.nodes.iter().flat_map(|node| &node.fields).chain(given());
         for (axis, span) in self.axes {
             let quoted = format!("\"{axis}\"");
             if !fields().any(|field| field.text.contains(&quoted)) {
-                let what = format!("the graph has no axis `{}`, and no node reads such an axis", shown(axis));
+                let what = format!(
+                    "the graph does not declare an axis `{}`, and no node uses an axis of that name",
+                    shown(axis)
+                );
                 let others = document.axes.iter().map(|known| known.name).filter(|known| *known != axis);
                 diagnostics.push(Diagnostic::of(Code::UnknownField, span, what).suggest(axis, others));
             }

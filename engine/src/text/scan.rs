@@ -14,7 +14,7 @@ pub(crate) struct Scanner<'t> {
     pub at: usize,
     pub diagnostics: Vec<Diagnostic>,
     /// True after an unterminated string, comment or bracket was reported. Brackets that seem unclosed because of
-    /// it are not reported.
+    /// that mistake are not reported.
     endless: bool,
 }
 
@@ -236,7 +236,7 @@ impl<'t> Scanner<'t> {
         self.report(quotes(start..self.at, inside));
     }
 
-    /// Skips a bracket and everything up to its closing bracket.
+    /// Skips everything from an opening bracket to the matching closing bracket.
     fn group(&mut self) {
         let mut open: Vec<(u8, usize)> = Vec::new();
         loop {
@@ -314,7 +314,7 @@ fn quotes(span: Range<usize>, inside: Option<&str>) -> Diagnostic {
     }
 }
 
-/// White space of RON beyond ASCII, and the byte order mark.
+/// True for the white space of RON that is not ASCII, and for the byte order mark.
 fn is_space(c: char) -> bool {
     matches!(c, '\u{85}' | '\u{200e}' | '\u{200f}' | '\u{2028}' | '\u{2029}' | '\u{feff}')
 }

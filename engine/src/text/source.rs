@@ -43,7 +43,7 @@ pub(crate) struct Piece {
 }
 
 impl PieceRole {
-    /// The roles that a piece after the first may have. For each: its name in the mark of the piece.
+    /// The roles that a piece after the first may have, each with its name in the mark of the piece.
     const NAMED: [(&'static str, Self); 5] = [
         ("include", Self::Include),
         ("subgraph", Self::Subgraph),
@@ -166,7 +166,7 @@ impl Source {
         self.joined(PieceRole::Overlay, &format!("{BUILT_IN_PRESET}{preset}"), text)
     }
 
-    /// Adds one of the graph's own `presets`.
+    /// Selects one of the `presets` that the graph defines.
     pub(crate) fn with_own_preset(self, preset: &str) -> Self {
         self.joined(PieceRole::Preset, "--preset", preset)
     }

@@ -33,10 +33,11 @@ const DEEPEST: usize = 32;
 /// Maximum length of a field after parameters are inserted, in bytes.
 const LONGEST: usize = 1 << 18;
 
-/// Documents of the files used as subgraphs, by the names of their pieces.
+/// Parsed documents of the subgraph files, keyed by the name under which the graph refers to each.
 pub(crate) type SubgraphFiles<'t> = BTreeMap<&'t str, Document<'t>>;
 
-/// Function that makes the diagnostic for a named file that was not read.
+/// Function that makes the diagnostic for a file that was not read. The arguments are the name of the file, and the
+/// byte range of that name.
 type Lost<'l> = dyn Fn(&str, Range<usize>) -> Diagnostic + 'l;
 
 /// Replaces each `Subgraph` node with the nodes of its file, and applies overlays to all nodes. `folder_at` maps an
@@ -109,7 +110,8 @@ pub(crate) fn expand<'t>(
 
 type Used<'f, 't> = (&'f Document<'t>, Scope<'t>, Vec<Diagnostic>);
 
-/// Returns the document and scope of a `Subgraph` node, and the mistakes in the values given to it.
+/// Returns the document and scope of a `Subgraph` node, and the mistakes in the values that the node gives to the
+/// parameters.
 fn use_of<'f, 't>(
     node: &RawNode<'t>,
     scopes: &[Scope<'t>],
@@ -220,8 +222,8 @@ pub(crate) fn value_of<'s, 't>(
 }
 
 /// Returns the text of a field with each `Param` call replaced by its value, and the byte range of the field. If
-/// the field is a single `Param` call, the byte range is that of the value. If `folder_at` is given, paths are made
-/// relative to the folder of the graph.
+/// the field is a single `Param` call, the byte range of the value is returned instead. If `folder_at` is given,
+/// paths are made relative to the folder of the graph.
 pub(crate) fn in_place<'t>(
     field: &RawField<'t>,
     scopes: &[Scope<'t>],

@@ -1,7 +1,7 @@
 //! The parser of RON text into nodes and fields with their byte ranges.
 //!
 //! The scanner finds the structure, and `ron` parses the values later. The parser therefore does not need the
-//! kinds, detects duplicates, and reports all mistakes together.
+//! kinds. It detects duplicates, and reports all mistakes together.
 
 use std::ops::Range;
 
@@ -198,7 +198,7 @@ impl<'t> Parser<'t> {
         self.document.nodes.push(node);
     }
 
-    /// Parses `(name: .., name: ..)` at the current position; `each` parses one value.
+    /// Parses `(name: .., name: ..)` at the current position. `each` is called to parse each value.
     fn fields(&mut self, each: impl FnMut(&mut Self, &'t str, Range<usize>)) {
         let open = self.scan.at;
         self.scan.at += 1;
@@ -309,7 +309,8 @@ impl<'t> Parser<'t> {
         self.document.axes = self.block(name_span, how).unwrap_or_default();
     }
 
-    /// Parses `(name: value, ..)` with distinct names; `how` is the hint if the text has another form.
+    /// Parses `(name: value, ..)` with distinct names. `how` is the hint that is given if the text has another
+    /// form.
     fn block(&mut self, name_span: Range<usize>, how: &str) -> Option<Vec<RawField<'t>>> {
         if self.scan.peek() != b'(' {
             self.scan.report(Diagnostic::new(name_span, how));

@@ -40,8 +40,8 @@ pub(crate) fn with_article(described: &str) -> String {
     format!("{article}{described}")
 }
 
-/// Encloses numbers separated by commas in the brackets that the described type needs. `None` if `text` is anything
-/// else.
+/// Encloses numbers separated by commas in the brackets that the described type needs. `None` if `text` is not a
+/// list of such numbers.
 fn numbers_without_brackets(described: &str, text: &str) -> Option<String> {
     let numbers: Vec<&str> = text.split(',').map(str::trim).collect();
     let all =
@@ -81,7 +81,7 @@ fn wrong_items(described: &str, text: &str) -> Option<String> {
     }
     let wanted = wanted.filter(|wanted| *wanted != items.len())?;
     Some(match items.len() {
-        0 => "not none".to_owned(),
+        0 => "but there are none".to_owned(),
         found if found < wanted => format!("not only {found}"),
         found => format!("not {found}"),
     })
@@ -109,7 +109,7 @@ pub(crate) fn value_mistake(
     let mistake = |message: String| Diagnostic::of(Code::WrongValue, span.clone(), message);
     match error {
         ron::Error::NoSuchEnumVariant { found, expected, .. } => {
-            mistake(format!("`{name}` has no choice `{}`", shown(found)))
+            mistake(format!("`{}` is not one of the choices of `{name}`", shown(found)))
                 .label(format!("one of {wanted}"))
                 .suggest(found, expected.iter().copied())
         }

@@ -24,8 +24,8 @@ pub trait Artifact: Send + Sync + Sized + 'static {
     fn decode(from: &mut Decoder<'_>) -> Result<Self, Corrupt>;
     /// Memory of the value in bytes, which counts against the memory budget. An estimate is enough.
     fn bytes(&self) -> usize;
-    /// Size of the value in units to which the work of its readers is proportional, such as pixels, splats or
-    /// triangles.
+    /// Size of the value, in units such that the work of the nodes that read it is proportional to the size:
+    /// pixels, splats or triangles.
     fn size(&self) -> u64 {
         self.bytes() as u64
     }
@@ -147,7 +147,7 @@ impl Encoder {
     }
 }
 
-/// Number of bytes that are digested at a time.
+/// Length in bytes of the chunks in which bytes are digested.
 const DIGESTED: usize = 1 << 16;
 
 /// Reads what an [`Encoder`] wrote. Every length is checked against the remaining bytes before anything is
@@ -165,7 +165,10 @@ impl<'a> Decoder<'a> {
 
     fn take(&mut self, count: usize) -> Result<&'a [u8], Corrupt> {
         let (head, rest) = self.rest.split_at_checked(count).ok_or_else(|| {
-            Corrupt(format!("{count} bytes are needed, but only {} remain", self.rest.len()))
+            Corrupt(format!(
+                "the data ends too early (bytes needed: {count}, remaining: {})",
+                self.rest.len()
+            ))
         })?;
         self.rest = rest;
         Ok(head)
@@ -178,7 +181,7 @@ impl<'a> Decoder<'a> {
         match usize::try_from(count) {
             Ok(n) if n.checked_mul(size.max(1)).is_some_and(|b| b <= self.rest.len()) => Ok(n),
             _ => Err(Corrupt(format!(
-                "a list claims to hold {count} elements, but only {} bytes remain",
+                "a list claims to hold more elements than the data can contain (elements: {count}, remaining bytes: {})",
                 self.rest.len()
             ))),
         }
@@ -191,7 +194,7 @@ impl<'a> Decoder<'a> {
         match count.checked_mul(size) {
             Some(bytes) if bytes <= self.rest.len() => Ok(count),
             _ => Err(Corrupt(format!(
-                "a list claims to hold {count} elements, but only {} bytes remain",
+                "a list claims to hold more elements than the data can contain (elements: {count}, remaining bytes: {})",
                 self.rest.len()
             ))),
         }
@@ -202,7 +205,8 @@ impl<'a> Decoder<'a> {
         self.rest.len()
     }
 
-    /// Reads a slice or a text and returns its range within `whole`, the bytes with which this decoder was created.
+    /// Reads a slice or a text and returns its byte range within `whole`, which must be the bytes with which this
+    /// decoder was created.
     pub(crate) fn raw_range(&mut self, whole: &[u8]) -> Result<std::ops::Range<usize>, Corrupt> {
         let length = self.raw()?.len();
         let end = whole.len() - self.rest.len();
@@ -272,7 +276,7 @@ pub struct ArtifactType {
 }
 
 impl ArtifactType {
-    /// The operations of the type `A`.
+    /// The operations on artifacts of type `A`.
     pub fn of<A: Artifact>() -> Self {
         Self {
             name: A::TYPE,

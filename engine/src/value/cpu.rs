@@ -1,4 +1,4 @@
-//! CPU time per node. It remains correct when a thread runs tiles of another node while it waits.
+//! CPU time per node. The times remain correct if a thread runs tiles of another node while it waits.
 
 use std::cell::Cell;
 use std::time::Duration;
@@ -41,7 +41,7 @@ mod clock {
     }
 }
 
-/// Replacement for systems that do not report CPU time: all times are 0.
+/// Replacement on systems that do not report CPU time: all times are 0.
 #[cfg(not(unix))]
 mod clock {
     use std::time::Duration;

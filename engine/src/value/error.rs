@@ -17,7 +17,7 @@ pub struct NodeError {
 #[derive(Debug)]
 pub(crate) enum NodeErrorKind {
     Cancelled,
-    /// Another node or process is computing a part that has this key; the node is tried again later.
+    /// Another node or process is computing a part with this key. The node is tried again later.
     Busy(Digest),
     Failed(String),
 }

@@ -47,10 +47,10 @@ impl Artifact for Files {
         let unequal = self.0.iter().zip(&other.0).filter(|(a, b)| a != b).count();
         let (count, others) = (self.0.len(), other.0.len());
         Difference::of(if count == others {
-            format!("{unequal} of {count} files differ")
+            format!("files that differ: {unequal} of {count}")
         } else {
             format!(
-                "one result has {count} files and the other {others}; of the first {}, {unequal} differ",
+                "the numbers of files differ: {count} and {others}; files that differ among the first {}: {unequal}",
                 count.min(others)
             )
         })

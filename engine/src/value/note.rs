@@ -8,10 +8,10 @@ use serde::{Deserialize, Serialize};
 pub enum Level {
     /// A number of affected items, such as broken rows that were dropped.
     Count,
-    /// A choice that the node made because the graph or a file does not determine it, such as the unit of a file
-    /// that states none.
+    /// A choice that the node made because neither the graph nor a file determines it, such as the unit of length
+    /// of a file that does not state its unit.
     Decision,
-    /// The result is valid, but the user should check what the note describes.
+    /// The result is valid, but the user should check the point that the note describes.
     Warning,
     /// The result is worse than what the graph asks for. All results made from it are degraded too, and the exit
     /// code reports this.
@@ -64,8 +64,8 @@ impl Notes {
         self.push(Level::Decision, id, text.into());
     }
 
-    /// Adds a note that `n` items are affected, such as `3 rows`; `of` is the text after the number. If `n` is 0,
-    /// adds nothing.
+    /// Adds a note with the text `n` followed by `of`, such as `3 of the rows had to be dropped`.
+    /// Adds nothing if `n` is 0.
     pub fn count(&mut self, id: &str, n: u64, of: impl std::fmt::Display) {
         if n > 0 {
             self.push(Level::Count, id, format!("{n} {of}"));

@@ -56,7 +56,7 @@ impl SourceRoot {
     }
 
     /// A root for an untrusted graph. No file outside `folder` and the folders in `also` is read, even if names or
-    /// links lead there. Links below the output folder are not followed.
+    /// links lead there. Links inside the output folder are not followed.
     ///
     /// # Errors
     /// If one of the folders does not exist.
@@ -120,8 +120,8 @@ impl SourceRoot {
         !self.is_confined() && folder().is_some()
     }
 
-    /// True if the path of `file` is the replacement that [`SourceRoot::file`] returns for a path that may not be
-    /// read.
+    /// True if `file` is outside the folders that the graph may read, so that [`SourceRoot::file`] has replaced its
+    /// path.
     pub fn is_outside(&self, file: &SourceFile) -> bool {
         file.path.starts_with(OUTSIDE)
     }
@@ -140,8 +140,8 @@ pub struct InputFile(pub String);
 /// Name of the file that marks an unpacked bundle as untrusted.
 pub(crate) const BUNDLE_MARK: &str = ".lightharmony-bundle";
 
-/// The folder made by [`Bundle::unpack`](crate::Bundle::unpack) that is `folder` or contains it; its content is
-/// untrusted. Links in `folder` are followed.
+/// The folder made by [`Bundle::unpack`](crate::Bundle::unpack) that is `folder` or contains `folder`. The content
+/// of such a folder is untrusted. Links in the path `folder` are followed.
 pub fn bundle_around(folder: &Path) -> Option<PathBuf> {
     let folder = folder.canonicalize().ok()?;
     folder

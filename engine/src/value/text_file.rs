@@ -4,7 +4,8 @@ use std::fs::{File, FileType};
 use std::io::{Error, ErrorKind, Read, Result};
 use std::path::Path;
 
-/// The maximum length in bytes of a graph file, of a file that it includes or uses as a subgraph, and of an overlay.
+/// The maximum length in bytes of a graph file, of a file that it includes or uses as a subgraph, and of an
+/// overlay.
 pub const MAX_GRAPH_BYTES: u64 = 64 << 20;
 
 /// Reads a regular file of at most `limit` bytes of UTF-8. Pipes and devices are not opened, since they may block
@@ -12,7 +13,8 @@ pub const MAX_GRAPH_BYTES: u64 = 64 << 20;
 ///
 /// # Errors
 /// Any I/O error, [`ErrorKind::InvalidInput`] with the type of the file if it is not a regular file,
-/// [`ErrorKind::FileTooLarge`] above the limit, and [`ErrorKind::InvalidData`] if the file is not UTF-8.
+/// [`ErrorKind::FileTooLarge`] if it is longer than `limit`, and [`ErrorKind::InvalidData`] if the file is not
+/// UTF-8.
 pub fn read_text(path: &Path, limit: u64) -> Result<String> {
     let metadata = std::fs::metadata(path)?;
     if !metadata.is_file() {
@@ -44,7 +46,7 @@ fn type_name(found: FileType) -> &'static str {
             return "a device";
         }
     }
-    if found.is_dir() { "a folder" } else { "something else" }
+    if found.is_dir() { "a folder" } else { "a special file" }
 }
 
 #[cfg(test)]

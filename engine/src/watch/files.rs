@@ -8,7 +8,7 @@ use std::path::{Component, Path, PathBuf};
 
 use cache::FileStamp;
 
-/// Notification of changes in folders.
+/// Source of notifications about changes in folders.
 pub(crate) trait Notifier: Send {
     /// Starts notifications for a folder, without its subfolders.
     fn listen(&mut self, folder: &Path) -> Result<(), String>;
@@ -58,7 +58,7 @@ impl WatchedFiles {
         self.notifier.is_some()
     }
 
-    /// Returns the reason why there are no notifications, but only once.
+    /// Returns the reason why there are no notifications. Later calls return `None`.
     pub fn take_failure(&mut self) -> Option<String> {
         self.failure.take()
     }
@@ -84,7 +84,7 @@ impl WatchedFiles {
         new
     }
 
-    /// Starts notifications for every folder in which a change may affect one of the paths.
+    /// Starts notifications for every folder in which a change may affect the file at one of the paths.
     fn listen(&mut self, paths: &[PathBuf]) {
         self.names = paths
             .iter()
@@ -261,7 +261,7 @@ mod tests {
             std::fs::write(self.path(name), text).unwrap();
         }
 
-        /// True if the file counts as changed. Also checks that the change is not reported a second time.
+        /// True if the file counts as changed. Panics if the change is reported a second time.
         fn changed(&mut self) -> bool {
             let changed = !self.files.look().is_empty();
             assert!(self.files.look().is_empty(), "reported once");

@@ -7,14 +7,14 @@ use crate::run::event::Event;
 
 /// A message to the watching thread.
 pub(crate) enum Input {
-    /// A change at these paths. The list is empty if the paths are unknown.
+    /// Some of these paths changed. The list is empty if the paths are unknown.
     Changed(Vec<PathBuf>),
     Event(Event),
     Ended,
     Quit,
 }
 
-/// Handle to end a watch from another thread, or to make it inspect its files.
+/// Handle to end a watch from another thread, or to make the watch inspect its files.
 #[derive(Clone)]
 pub struct Handle(pub(crate) Sender<Input>);
 

@@ -28,7 +28,8 @@ pub struct Refusal {
 }
 
 impl Refusal {
-    /// The refusal of a graph with these mistakes. The text has colours for terminals if `colour` is true.
+    /// The refusal of a graph with these mistakes. If `colour` is true, the text contains colour codes for
+    /// terminals.
     pub fn mistakes(diagnostics: &Diagnostics, colour: bool) -> Self {
         let (list, files) = (diagnostics.mistakes(), diagnostics.files.clone());
         Self { list, text: diagnostics.render(colour), files }
@@ -43,7 +44,7 @@ impl Refusal {
 /// Options of a watch.
 #[derive(Debug, Clone)]
 pub struct WatchOptions {
-    /// Output folder of sinks.
+    /// Folder for the output files of sinks.
     pub out: PathBuf,
     /// The parameter that previews limit.
     pub refine: Option<&'static str>,

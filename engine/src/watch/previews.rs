@@ -1,13 +1,13 @@
 //! The previews that precede a long run.
 
-/// A preview is left out if the step after it is forecast to take at most this many seconds.
+/// A preview is left out if the preview or run that follows it is forecast to take at most this many seconds.
 const SOON: f64 = 0.5;
 
 /// A preview that computes only a subset of the pixels is made only if the preview with the limit 1 is forecast to
 /// take more than this many seconds.
 const AT_ONCE: f64 = 0.3;
 
-/// The ways in which a preview is reduced.
+/// The reductions that a preview applies.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) struct Reduction {
     /// Maximum value of the parameter that the preview limits.
@@ -16,10 +16,10 @@ pub(crate) struct Reduction {
     pub coarse: u64,
 }
 
-/// The previews of a run in which the parameter is at most `most` and the forecast is `seconds`, if known. They
-/// limit the parameter to 1, 4, 16 and so on, since chunks of cached work end at these values. If even the preview
-/// with the limit 1 takes long and a node supports it (`coarse`), an additional first preview computes only a
-/// subset of the pixels.
+/// The previews that precede a run. `most` is the largest value of the parameter in the run, and `seconds` is the
+/// forecast of the run, if known. Previews limit the parameter to 1, 4, 16 and so on, since chunks of cached work
+/// end at these values. If even the preview with the limit 1 takes long and a node supports it (`coarse`), an
+/// additional first preview computes only a subset of the pixels.
 pub(crate) fn levels(most: u64, seconds: Option<f64>, coarse: bool) -> Vec<Reduction> {
     let takes = |level: u64| seconds.map_or(f64::INFINITY, |all| all * level as f64 / most.max(1) as f64);
     let block = match takes(1) {

@@ -6,9 +6,9 @@ use crate::graph::graph::Graph;
 
 impl Graph {
     /// The graph reduced for a preview. Nodes that have `parameter` use at most `level` for it and, if their kind
-    /// supports it, compute one pixel per block of `coarse` by `coarse` pixels. The nodes below them use the
-    /// preview values of their kinds. Also returns the indices of the nodes that changed. Returns `None` if no node
-    /// changed.
+    /// supports it, compute one pixel per block of `coarse` by `coarse` pixels. The nodes downstream of them use
+    /// the preview values of their kinds. Also returns the indices of the nodes that changed. Returns `None` if no
+    /// node changed.
     pub fn rough(&self, parameter: &str, level: u64, coarse: u64) -> Option<(Self, Vec<usize>)> {
         let mut graph = self.clone();
         let (mut below, mut changed) = (vec![false; self.nodes.len()], Vec::new());

@@ -2,8 +2,8 @@
 //!
 //! One thread controls the runs. It sleeps until a notification, an event of the run, or the time of the next
 //! inspection. A run has its own thread and is cancelled by a newer graph; finished nodes are kept. Long runs are
-//! preceded by previews that limit a parameter (`samples`). Since the work of such nodes is cached in chunks, each
-//! run computes only the samples that the previous run did not.
+//! preceded by previews that limit a parameter (`samples`). Since the samples of such nodes are cached in chunks,
+//! each run computes only the samples that earlier runs did not compute.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -24,14 +24,14 @@ use crate::watch::options::{Load, Refusal, WatchOptions};
 use crate::watch::previews::{Reduction, levels};
 use crate::watch::settling::Settling;
 
-/// Maximum time before continuous changes are handled.
+/// Maximum time for which changes are collected before they are handled.
 const LONGEST: Duration = Duration::from_millis(300);
 /// Interval between inspections if there are no notifications.
 const POLL: Duration = Duration::from_millis(500);
 /// Interval between inspections even if there are notifications, since network drives send none and systems may
 /// lose them.
 const CHECK: Duration = Duration::from_secs(2);
-/// The event that ended a wait.
+/// The reason why a wait ended.
 enum Next {
     /// Watched files changed, and the graph must run again.
     Changed(Box<Load>),
@@ -205,8 +205,8 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
         })
     }
 
-    /// Waits for the end of a cancelled run and returns whether the watch is to quit. The remaining events are
-    /// handled in any case, so that the list of files that do not show the current graph is correct.
+    /// Waits for the end of a cancelled run. Returns true if the watch is to quit. The remaining events are handled
+    /// in either case, so that the list of files that do not show the current graph is correct.
     fn drain(&mut self) -> bool {
         let mut quit = false;
         while let Ok(input) = self.inputs.recv() {

@@ -187,7 +187,7 @@ fn mistakes_of_axes_have_their_place() {
 }
 
 /// The values of `Cameras` are the indices of the cameras of a node. The number of cameras is read from the current
-/// files, and a node that takes its cameras from another node has the same number.
+/// files. A node that takes its cameras from another node has the same number of cameras.
 #[test]
 fn the_cameras_of_a_node_are_an_axis() {
     let lab = Lab::on_disk();

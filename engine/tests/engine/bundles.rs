@@ -20,7 +20,7 @@ const NODES: &str = r#"
     r: WriteRecipe(number: ["sum"], path: "r.txt"),
 "#;
 
-/// A lab, and a graph that reads one file below its own folder and one file above it.
+/// A lab, and a graph that reads one file in a subfolder of its own folder and one file in the parent folder.
 fn lab(outer: &Path) -> (Lab, Graph) {
     let lab = Lab::on_disk();
     let folder = outer.join("project");
@@ -363,7 +363,7 @@ fn files_of_one_name_are_those_that_were_read_in_order() {
     assert!(settle("c").is_ok() && settle("").is_ok());
     let errors = settle("b").unwrap_err().to_string();
     assert!(
-        errors.contains("is or contains `c` with the files this picture was made from")
+        errors.contains("do not include a folder `c` with the files this picture was made from")
             && errors.contains("--inputs"),
         "{errors}"
     );

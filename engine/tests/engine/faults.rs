@@ -19,7 +19,7 @@ const GRAPH: &str = r#"
     save: WriteNumber(number: ["twice", "mean"], path: "save.txt"),
 "#;
 
-/// The graph with different last steps, so that all nodes below `second` need values from the store.
+/// The graph with different last steps, so that all nodes downstream of `second` need values from the store.
 fn edited() -> String {
     let third =
         "third: Sum(numbers: \"first\", times: 2), more: WriteNumber(number: \"third\", path: \"more.txt\"),";

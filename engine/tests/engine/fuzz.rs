@@ -1,8 +1,7 @@
 //! Tests with bytes changed at random, from fixed seeds: no change causes a panic, and every run that completes has
 //! the right result.
 //!
-//! Each test runs a fixed number of rounds, or for as many seconds as `LIGHTHARMONY_FUZZ_SECONDS` says if it is
-//! set.
+//! Each test runs a fixed number of rounds or, if `LIGHTHARMONY_FUZZ_SECONDS` is set, for that many seconds.
 
 use std::time::{Duration, Instant};
 

@@ -32,7 +32,8 @@ fn warm() -> Lab {
     lab
 }
 
-/// All spellings of a number give the same key, and -0 equals 0. NaN is reported as a mistake at its position.
+/// All spellings of a number give the same key, and -0 gives the same key as 0. NaN is reported as a mistake at its
+/// position in the text.
 #[test]
 fn equal_values_have_equal_keys_however_they_are_written() {
     let lab = Lab::in_memory();

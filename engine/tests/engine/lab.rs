@@ -57,7 +57,7 @@ impl Lab {
         self.path("cache")
     }
 
-    /// Every file below the cache folder, in order.
+    /// Every file inside the cache folder and its subfolders, in order of path.
     pub fn cache_files(&self) -> Vec<PathBuf> {
         let mut found = Vec::new();
         let mut folders = vec![self.cache()];
@@ -71,7 +71,7 @@ impl Lab {
         found
     }
 
-    /// The files that each contain one large blob.
+    /// Paths of the files that contain a single large blob each.
     pub fn blob_files(&self) -> Vec<PathBuf> {
         let blobs = self.cache().join("v1/blobs");
         self.cache_files().into_iter().filter(|path| path.starts_with(&blobs)).collect()
@@ -276,7 +276,7 @@ impl Log {
         keys
     }
 
-    /// The errors as printed.
+    /// The errors of the run, as printed.
     pub fn failures(&self) -> String {
         self.outcome.failures.as_ref().map(|failures| failures.render(false)).unwrap_or_default()
     }

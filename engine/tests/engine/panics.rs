@@ -5,8 +5,8 @@ use std::sync::mpsc;
 use std::time::Duration;
 
 use engine::{
-    Artifact, Context, Corrupt, Cost, Decoder, Difference, Encoder, FileHead, InputFile, Kind, KindEntry,
-    NodeError, Notes, RunOptions, Sizes, SourceFile, SourceRoot, ViewCount, Wired,
+    Artifact, Context, Corrupt, Cost, Decoder, Difference, Encoder, FileHead, Former, InputFile, Kind,
+    KindEntry, NodeError, Notes, ParamType, RunOptions, Sizes, SourceFile, SourceRoot, ViewCount, Wired,
 };
 
 use crate::arithmetic::{Nothing, Num, registry};
@@ -16,15 +16,34 @@ engine::params! {
     /// Panics at the place in its code that `at` names.
     pub struct Burst {
         /// The place at which to panic.
-        at: String = String::new(), other("\"run\"");
+        at: Spot = Spot(String::new()), other("\"run\"");
         /// A file to read.
         path: InputFile, other("\"b.txt\"");
     }
 }
 
+/// Name of a place in the code of [`Burst`]. The name `read` cannot be read.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+#[serde(transparent)]
+pub struct Spot(String);
+
+impl<'de> serde::Deserialize<'de> for Spot {
+    fn deserialize<D: serde::Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
+        let name = String::deserialize(from)?;
+        assert_ne!(name, "read", "as the test asks for");
+        Ok(Self(name))
+    }
+}
+
+impl ParamType for Spot {
+    fn describe() -> String {
+        "text".to_owned()
+    }
+}
+
 impl Burst {
     fn reach(&self, place: &str) {
-        assert_ne!(self.at, place, "as the test asks for");
+        assert_ne!(self.at.0, place, "as the test asks for");
     }
 }
 
@@ -87,6 +106,10 @@ impl Kind for Burst {
         params.reach("sources");
         Ok(vec![root.file(&params.path)])
     }
+    fn former(name: &str, fields: &[(&str, &str)]) -> Option<Former> {
+        assert!(name != "former" || fields.is_empty(), "as the test asks for");
+        None
+    }
     fn check(params: &Self) -> Result<(), NodeError> {
         params.reach("check");
         Ok(())
@@ -102,8 +125,8 @@ impl Kind for Burst {
     fn run(params: &Self, _inputs: Nothing, cx: &Context) -> Result<(Bursts, Notes), NodeError> {
         cx.read(&params.path)?;
         params.reach("run");
-        cx.for_each_tile(8, |tile| assert!(params.at != "tile" || tile != 5, "as the test asks for"))?;
-        let fuse = Fuse(params.at.clone());
+        cx.for_each_tile(8, |tile| assert!(params.at.0 != "tile" || tile != 5, "as the test asks for"))?;
+        let fuse = Fuse(params.at.0.clone());
         Ok((Bursts { number: Arc::new(Num(1.0)), fuse: Arc::new(fuse) }, Notes::none()))
     }
 }
@@ -162,12 +185,18 @@ fn in_time(what: &str, act: impl FnOnce() + Send + 'static) {
 
 #[test]
 fn a_panic_while_a_graph_is_checked_is_a_mistake_of_its_node() {
-    for at in ["check", "check_wires", "views"] {
+    for at in ["read", "check", "check_wires", "views"] {
         in_time(at, move || {
             let text = lab().mistakes(&graph_text(&nodes(at, 1.0)));
             assert!(text.contains("panicked") && text.contains("graph.ron:2"), "{at}: {text}");
         });
     }
+    in_time("former", || {
+        let nodes = nodes("", 1.0).replace("at: \"\"", "former: 1");
+        let text = lab().mistakes(&graph_text(&nodes));
+        assert!(text.contains("panicked") && text.contains("graph.ron:2:14"), "{text}");
+        assert!(!text.contains("has no field"), "one mistake is enough: {text}");
+    });
 }
 
 #[test]

@@ -29,8 +29,8 @@ fn more_samples_compute_only_new_parts() {
     }
 }
 
-/// A part kept in memory is computed once for equal inputs. This test fails if `StoredParts::keep` does nothing, or
-/// if the key of a part does not contain the digests of the inputs.
+/// A part that is kept in memory is computed only once for equal inputs. This test fails if `StoredParts::keep`
+/// does nothing, or if the key of a part does not contain the digests of the inputs.
 #[test]
 fn what_stays_in_memory_is_made_once_for_equal_inputs() {
     let lab = Lab { jobs: 1, ..Lab::on_disk() };

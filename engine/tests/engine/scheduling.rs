@@ -44,3 +44,19 @@ fn a_short_node_runs_though_large_ones_have_every_thread() {
         assert!(done(&log, "w") < done(&log, long), "{long}");
     }
 }
+
+// This test fails if `Line::first_small` ignores nodes without a forecast.
+#[test]
+fn a_small_node_without_a_forecast_runs_though_large_ones_have_every_thread() {
+    // The cache is empty, so no kind has a forecast.
+    let lab = Lab { jobs: 2, ..Lab::on_disk() };
+    let log = lab.run(
+        "a: Number(),
+         one: Slow(value: \"a\", millis: 2500), two: Slow(value: \"a\", millis: 2600),
+         three: Slow(value: \"a\", millis: 2700), four: Slow(value: \"a\", millis: 2800),
+         b: Tiled(value: \"a\", tiles: 4), c: Tiled(value: \"b\", tiles: 8), w: Scale(value: \"c\")",
+    );
+    for long in ["one", "two", "three", "four"] {
+        assert!(done(&log, "w") < done(&log, long), "{long}");
+    }
+}

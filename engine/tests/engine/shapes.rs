@@ -35,7 +35,7 @@ fn times(nodes: &str, count: usize) -> [Duration; 3] {
 
 /// Checks that ten times as many nodes take about ten times as long, not a hundred times. Other load on the machine
 /// can only lengthen a measurement, so the smallest of several measurements is used. Work that grows faster than
-/// linearly is slow in every measurement.
+/// linearly fails the check, since it is slow in every measurement.
 fn assert_linear(times: impl Fn(usize) -> [Duration; 3], count: usize) {
     let small = times(count);
     let allowed = small.map(|small| small.max(Duration::from_millis(2)) * 40);

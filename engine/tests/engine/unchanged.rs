@@ -16,7 +16,7 @@ fn text() -> String {
     )
 }
 
-/// Makes the store treat files as old enough for their remembered digests to be valid.
+/// Makes the store treat these files as old enough for their remembered digests to be valid.
 fn settle(lab: &Lab, names: &[&str]) {
     let engine = lab.engine();
     for path in names.iter().map(|name| lab.path(name)) {

@@ -1,5 +1,5 @@
 //! Tests of watching: a graph runs again when its files change. Every step waits for the event that ends it,
-//! however long that takes.
+//! without a fixed delay.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -279,7 +279,7 @@ fn looking_finds_what_listening_would() {
 }
 
 /// The clock jumps, several saves fall within one tick of it, and files are half-written. The final output still
-/// equals that of an ordinary run on the final files.
+/// equals the output of an ordinary run on the final files.
 #[test]
 fn clocks_that_jump_and_half_files_end_as_a_plain_run() {
     let watch = Session::of(SUM);

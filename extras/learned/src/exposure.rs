@@ -5,9 +5,9 @@
 
 use candle_core::{D, Device, Result, Tensor, Var};
 
-/// Photographed panoramas, stored as arrays with one row per panorama. All panoramas have the same number of
-/// clipped cells. If a panorama has more, only a selection of its cells is used, and some of these stand for
-/// several cells. If a panorama has fewer, cells without light are added.
+/// Photographed panoramas, stored as arrays with one row per panorama. Every panorama is described by the same
+/// number of clipped cells. If it has more clipped cells, only a selection is used, and some of the selected cells
+/// stand for several cells. If it has fewer, cells without light are added.
 pub struct Examples {
     /// Number of panoramas.
     pub count: usize,
@@ -49,11 +49,11 @@ pub struct Recipe {
     /// Learning rate, before it is scaled. It is scaled by a factor that falls linearly from 1 to 0 during the
     /// training, and in the first 20 steps also by a factor that rises linearly to 1.
     pub rate: f64,
-    /// Factor by which the error in contrast is multiplied in the loss.
+    /// Weight of the contrast error in the loss.
     pub contrast: f64,
-    /// Factor by which the cross-entropy of the position of the hidden light is multiplied in the loss.
+    /// Weight in the loss of the cross-entropy between the predicted and the true position of the hidden light.
     pub place: f64,
-    /// Two weight decays: for the linear part of the score, and for the part with hidden units.
+    /// Weight decay of the two parts of the network: of the part that is linear, and of the part with hidden units.
     pub decay: [f64; 2],
 }
 

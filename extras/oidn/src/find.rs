@@ -23,7 +23,7 @@ pub struct Found {
     pub version: String,
 }
 
-/// Error: no searched folder contains version 2 of the library.
+/// The error if no searched folder contains version 2 of the library.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("Open Image Denoise 2 is not installed: `{FILE}` was not found in {}{}", listed(.looked), but(.others))]
 pub struct Missing {

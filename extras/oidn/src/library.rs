@@ -12,9 +12,10 @@ type Monitor = unsafe extern "C" fn(*mut c_void, f64) -> bool;
 type SetImage =
     unsafe extern "C" fn(Filter, *const c_char, *mut c_void, c_int, usize, usize, usize, usize, usize);
 
-/// `OIDN_DEVICE_TYPE_CPU`. The CPU is always used, since the output of a GPU would depend on its model.
+/// The constant `OIDN_DEVICE_TYPE_CPU` of the library. The CPU is always used, since the output of a GPU would
+/// depend on its model.
 const CPU: c_int = 1;
-/// `OIDN_FORMAT_FLOAT3`.
+/// The constant `OIDN_FORMAT_FLOAT3` of the library.
 const FLOAT3: c_int = 3;
 /// Approximate maximum memory that the library uses, in bytes. Pictures that need more are filtered in tiles.
 pub const MEMORY_BYTES: u64 = 1 << 30;
@@ -150,7 +151,7 @@ impl Library {
     /// # Safety
     /// `device` must have been created by this library, or be null.
     unsafe fn check(&self, device: Device) -> Result<(), Error> {
-        /// `OIDN_ERROR_CANCELLED`.
+        /// The constant `OIDN_ERROR_CANCELLED` of the library.
         const CANCELLED: c_int = 6;
         let mut text = ptr::null();
         // SAFETY: the caller promises the device; the text is read before the library is called again.

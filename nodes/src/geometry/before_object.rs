@@ -14,14 +14,14 @@ pub struct Depths<'a> {
     pub objects: &'a [f32],
 }
 
-/// Minimum coverage of a pixel whose splats count as solid.
+/// Minimum coverage at which the splats at a pixel count as solid.
 const SOLID: f32 = 0.9;
-/// Minimum coverage of a pixel at which an object counts as visible.
+/// Minimum coverage at which an object counts as visible at a pixel.
 const DRAWN: f32 = 0.5;
 /// Ratio of the depth of the splats to the depth of an object below which the splats count as in front of the
 /// object. It is less than 1 because an object touches the ground that it stands on.
 const BEFORE: f32 = 0.85;
-/// Minimum number of pixels that show an object for a result other than 0.
+/// Minimum number of pixels at which an object must be visible. With fewer pixels, the result is 0.
 const PIXELS: u64 = 40;
 
 /// Pixels at which solid splats are in front of an object, as a share of all pixels at which an object is visible;
@@ -62,8 +62,8 @@ mod tests {
         (40..60).contains(&(i % N)) && (40..60).contains(&(i / N))
     }
 
-    /// Values of pixel `i` if no splats are in front of the object: depth and coverage of the splats, depth of the
-    /// surface, coverage of the objects.
+    /// Values at pixel `i` if no splats are in front of the object, in this order: depth of the splats, coverage of
+    /// the splats, depth of the surface, coverage of the objects.
     fn right(i: usize) -> [f32; 4] {
         if is_object(i) {
             [place(i), 1.0, place(i) * 0.9, 1.0]

@@ -5,10 +5,10 @@ use glam::{DQuat, DVec2, DVec3, Vec3};
 use crate::geometry::bvh::{Bvh, Ray};
 use crate::geometry::support::Level;
 
-/// Number of columns and number of rows of the grid on which an object and the ground are sampled.
+/// Number of columns and of rows of the grid on which an object and the ground are sampled.
 const GRID: usize = 24;
 /// Number of standard deviations of noise by which the ground is lowered in the search for contacts. At about one
-/// in a few hundred positions, the noise is larger than this.
+/// position in 160, the noise is larger than this.
 const DEVIATIONS: f64 = 2.5;
 /// Number of successive rotations that bring an object to rest on its contacts. Each rotation is much smaller than
 /// the previous one.
@@ -23,7 +23,7 @@ pub struct Relief<'a> {
     pub bvh: &'a Bvh,
     /// The corners of the triangles of `bvh`.
     pub corners: &'a [[Vec3; 3]],
-    /// Unit vectors in the world: the two horizontal axes, and the up direction.
+    /// Unit vectors in world space: the two horizontal axes and the up direction.
     pub axes: [DVec3; 3],
     /// Maximum height above or below the origin at which ground is found, in world units.
     pub reach: f64,
@@ -66,9 +66,9 @@ impl Relief<'_> {
         best
     }
 
-    /// Measures the ground in a rectangle around the middle of the foot; `half` is half of its sides. First result:
-    /// the 98th percentile of the deviation of the ground from the plane, minus the noise of the mesh. Second: the
-    /// standard deviation of this noise.
+    /// Measures the ground in a rectangle around the middle of the foot; `half` is half the length of its sides.
+    /// First result: the 98th percentile of the deviation of the ground from the plane, minus the noise of the
+    /// mesh. Second: the standard deviation of this noise.
     pub fn departure(&self, half: [f64; 2]) -> (f64, f64) {
         let place = |i: usize| (2 * i + 1) as f64 / GRID as f64 - 1.0;
         let row = |j: usize| {
@@ -155,9 +155,9 @@ fn centroid(triangles: &[[DVec3; 3]]) -> DVec3 {
     if area > 0.0 { sum / area } else { triangles.first().map_or(DVec3::ZERO, |t| t[0]) }
 }
 
-/// Finds the plane that is lowest at a position, among all planes that no contact lies above. This plane rests on
-/// three contacts around the position. Returns its height at (0, 0) and its slopes along both axes. `None` if there
-/// are no such contacts.
+/// Finds the plane that is lowest at a position, among all planes above which there is no contact. This plane rests
+/// on three contacts around the position. Returns its height at (0, 0) and its slopes along both axes. `None` if
+/// there are no such contacts.
 fn lowest_plane(contacts: &[[f64; 3]], at: DVec2) -> Option<[f64; 3]> {
     let span = contacts.iter().flatten().fold(at.length(), |most, v| most.max(v.abs()));
     // Starting points that are far away and far below. Contacts replace them.
@@ -188,7 +188,7 @@ fn through(&[a, b, c]: &[[f64; 3]; 3]) -> Option<[f64; 3]> {
     plane.iter().all(|v| v.is_finite()).then_some(plane)
 }
 
-/// True if a position lies in a triangle, seen from above.
+/// True if a position lies in a triangle. Both are seen from above, so heights are ignored.
 fn encloses(triangle: &[[f64; 3]; 3], at: DVec2) -> bool {
     let [a, b, c] = triangle.map(|p| DVec2::new(p[0], p[1]) - at);
     let sides = [a.perp_dot(b), b.perp_dot(c), c.perp_dot(a)];

@@ -65,14 +65,15 @@ pub struct Points {
 }
 
 impl Points {
-    /// Returns the points of `sample` in the given stream (see [`stream`]).
+    /// Returns the points of the sample with the number `sample` in a stream (see [`stream`]).
     #[inline]
     pub fn new(stream: u32, sample: u32) -> Self {
         Self { stream, index: sample }
     }
 
     /// Returns the points of sub-sample `number` of `count` sub-samples of this sample. If `count` is a power of 2,
-    /// all sub-samples of an aligned block of 2^k samples are together stratified as well as `count * 2^k` samples.
+    /// the sub-samples of an aligned block of 2^k samples are stratified like an aligned block of `count * 2^k`
+    /// samples.
     #[inline]
     pub fn twig(&self, number: u32, count: u32) -> Self {
         Self { stream: self.stream, index: self.index.wrapping_mul(count).wrapping_add(number) }
@@ -194,8 +195,8 @@ pub fn circle(turns: f32) -> (f32, f32) {
 #[derive(Debug, Clone)]
 pub struct Discrete {
     /// Entry `i` of `n` holds the cumulative probability before index `i`, and the index whose interval contains
-    /// the probability `i / n`, where the search for a sample starts. One more entry holds the probability 1. Both
-    /// values are stored together, since every sample reads both.
+    /// the probability `i / n`, at which the search for a sample starts. One more entry holds the probability 1.
+    /// Both values are stored together, since every sample reads both.
     cells: Vec<(f64, u32)>,
 }
 

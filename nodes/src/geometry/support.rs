@@ -50,7 +50,8 @@ fn around(points: impl Iterator<Item = DVec3>) -> Option<(DVec3, DVec3)> {
 
 impl Foot {
     /// Finds the foot of an object, which is the part in the lowest fiftieth of its height. If this part is small,
-    /// the region around it is a quarter of the size of the object. `None` if the object has no triangles.
+    /// the region in which the ground is examined has a quarter of the size of the object. `None` if the object has
+    /// no triangles.
     pub fn of(placed: &Placed, up: DVec3) -> Option<Self> {
         let (low, high) = around(corners(placed))?;
         let (base, top) = (low.dot(up).min(high.dot(up)), low.dot(up).max(high.dot(up)));

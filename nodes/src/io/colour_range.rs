@@ -1,29 +1,29 @@
-//! The value of white in the colours of points, which files do not specify.
+//! Inference of the value that stands for white in the point colours of a file, which file formats do not specify.
 
 use super::ply::Scalar;
 
-/// The value of white in a file.
+/// The colour value that stands for white in a file.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Range {
-    /// The value that is white.
+    /// Colour value that stands for white.
     pub white: f64,
-    /// True if it was inferred from the numbers and not from their type.
+    /// True if `white` was inferred from the colour values and not from their type.
     pub guessed: bool,
 }
 
-/// Minimum fraction of the numbers that must exceed [`SLACK`] for floats to be interpreted as numbers up to 255. A
-/// single wrong number thus has no effect.
+/// Minimum fraction of the numbers that must exceed [`SLACK`] for floats to be interpreted as colours from 0 to
+/// 255. A single wrong number thus has no effect.
 const SHARE: f64 = 0.01;
-/// Maximum value that still counts as white, with a margin for rounding.
+/// Maximum value of colours from 0 to 1, with a margin for rounding.
 const SLACK: f64 = 1.5;
 /// Maximum value of colours from 0 to 255, with a margin for rounding.
 const BYTE: f64 = 255.5;
 
 impl Range {
-    /// The range of colours stored as `scalar`. For integers of 8 and 16 bits, white is the largest number of the
-    /// type.
-    /// Integers of 32 bits are assumed to hold 8-bit codes, since some programs write all integers with one type.
-    /// For floats, white is 1, or 255 if at least a hundredth of the numbers exceed 1.5 and none exceeds 255.5.
+    /// Determines the range of colours of the type `scalar`. For integers of 8 and 16 bits, white is the largest
+    /// number of the type. Integers of 32 bits are assumed to hold 8-bit codes, since some programs write all
+    /// integers with one type. For floats, white is 1, or 255 if at least a hundredth of the numbers exceed 1.5 and
+    /// none exceeds 255.5.
     pub fn of<I: Iterator<Item = f64>>(scalar: Scalar, numbers: impl FnOnce() -> I) -> Self {
         match scalar {
             Scalar::I32 | Scalar::U32 => Self { white: 255.0, guessed: false },

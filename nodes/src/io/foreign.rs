@@ -6,8 +6,8 @@ use crate::error::Error;
 /// UTF-8 byte-order mark, which some editors put in front of a text.
 pub const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
 
-/// Removes a byte-order mark at the start of JSON, and NUL bytes and white space at its end, with which programs
-/// pad chunks.
+/// Removes a byte-order mark at the start of JSON, and NUL bytes and white space at its end. Programs pad chunks
+/// with such bytes.
 pub fn json_text(bytes: &[u8]) -> &[u8] {
     let mut text = bytes.strip_prefix(BYTE_ORDER_MARK).unwrap_or(bytes);
     while let [rest @ .., 0 | b' ' | b'\t' | b'\r' | b'\n'] = text {
@@ -16,8 +16,8 @@ pub fn json_text(bytes: &[u8]) -> &[u8] {
     text
 }
 
-/// Rejects placeholders that other programs leave in place of a file, and formats that no reader supports, each
-/// with a remedy. Readers call this before they detect their own formats.
+/// Rejects placeholders that other programs leave in place of a file, and formats that no reader supports. The
+/// error suggests a remedy. Readers call this before they detect their own formats.
 ///
 /// # Errors
 /// [`Error::Unsupported`], which names the format of the file.
@@ -30,13 +30,13 @@ pub fn refuse_foreign(file: &str, bytes: &[u8]) -> Result<(), Error> {
     } else if let Some(brand) = bytes.get(4..12).and_then(|head| head.strip_prefix(b"ftyp")) {
         match brand {
             b"heic" | b"heix" | b"heim" | b"heis" | b"hevc" | b"mif1" | b"msf1" => {
-                "HEIC, the format of phones; export the picture as PNG or JPEG"
+                "HEIC, a format that phones use; export the picture as PNG or JPEG"
             }
             b"avif" | b"avis" => "AVIF; export the picture as PNG or JPEG",
-            _ => "a video or another file of ISO media; export pictures as PNG or JPEG",
+            _ => "a video or another ISO media file; export pictures from it as PNG or JPEG",
         }
     } else if starts(b"II*\0") || starts(b"MM\0*") {
-        "TIFF or a raw picture of a camera; export it as PNG (16 bits) or OpenEXR"
+        "TIFF, or a raw picture from a camera; export it as PNG (16 bits) or OpenEXR"
     } else if starts(b"\x00\x00\x00\x0cJXL ") || starts(b"\xff\x0a") {
         "JPEG XL; export the picture as PNG or JPEG"
     } else if starts(b"\x00\x00\x00\x0cjP  ") || starts(b"\xff\x4f\xff\x51") {

@@ -25,7 +25,7 @@ pub struct GPano {
     at: [f64; 2],
     /// Elevation of the centre of the part above the horizon, and the roll of the part, in degrees.
     pub tilt: [f64; 2],
-    /// `equirectangular`, unless the file has another value.
+    /// Projection of the picture according to the metadata; `equirectangular` if they do not state one.
     pub projection: String,
 }
 
@@ -55,13 +55,13 @@ impl GPano {
         })
     }
 
-    /// The fraction of the sphere's pixels that the picture covers, above 0 and at most 1.
+    /// The number of pixels of the picture as a fraction of those of the whole sphere, above 0 and at most 1.
     pub fn share(&self) -> f64 {
         let share = self.part[0] * self.part[1] / (self.full[0] * self.full[1]);
         if share > 0.0 { share.min(1.0) } else { 1.0 }
     }
 
-    /// The position of a picture of this size; `None` if it is the whole sphere.
+    /// The position of a picture of this size in the whole sphere; `None` if the picture is the whole sphere.
     ///
     /// # Errors
     /// If the metadata is impossible for this picture.

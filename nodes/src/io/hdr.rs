@@ -88,7 +88,7 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Radi
             return Err(Error::unsupported(file, format!("the Radiance format `{format}`")));
         }
         if let Some(value) = text.strip_prefix("EXPOSURE=") {
-            let value: f64 = value.trim().parse().map_err(|_| bad("EXPOSURE is not a number"))?;
+            let value: f64 = value.trim().parse().map_err(|_| bad("`EXPOSURE` is not a number"))?;
             if value == 0.0 {
                 // As FreeImage writes for an exposure that it does not know.
                 ignored.push(text.clone());
@@ -100,7 +100,7 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Radi
             let values: Option<Vec<f32>> =
                 values.split_ascii_whitespace().map(|value| value.parse().ok()).collect();
             let Some([rx, ry, gx, gy, bx, by, wx, wy]) = values.as_deref() else {
-                return Err(bad("PRIMARIES must be eight numbers"));
+                return Err(bad("`PRIMARIES` must consist of eight numbers"));
             };
             primaries = Some([[*rx, *ry], [*gx, *gy], [*bx, *by], [*wx, *wy]]);
         }
@@ -108,13 +108,13 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Radi
             let values: Option<Vec<f64>> =
                 values.split_ascii_whitespace().map(|value| value.parse().ok()).collect();
             let Some([r, g, b]) = values.as_deref() else {
-                return Err(bad("COLORCORR must be three numbers"));
+                return Err(bad("`COLORCORR` must consist of three numbers"));
             };
             scale.iter_mut().zip([r, g, b]).for_each(|(scale, value)| *scale *= value);
         }
     }
     if scale.iter().any(|scale| !(*scale > 0.0 && scale.is_finite())) {
-        return Err(bad("EXPOSURE or COLORCORR is not above 0"));
+        return Err(bad("`EXPOSURE` or `COLORCORR` is not above 0"));
     }
     let size = line(&mut rest)?;
     let [outer, inner] = sides(&size).ok_or_else(|| {
@@ -284,7 +284,7 @@ mod tests {
     }
 
     /// A picture of 3 x 2 pixels, stored in each of the eight orientations, is always decoded to the same pixels.
-    /// This test fails if `side.forward == side.across` is `side.forward`.
+    /// This test fails if `side.forward == side.across` is replaced with `side.forward`.
     #[test]
     fn every_orientation_is_the_same_picture() {
         // Rows from the top, values 1 to 6.

@@ -1,4 +1,4 @@
-//! Size of a picture from the first bytes of its file, which allows estimating memory before the file is read.
+//! Size of a picture from the first bytes of its file. It is used to estimate memory before the file is read.
 
 use std::io::{BufRead, Read, Seek, SeekFrom};
 
@@ -16,8 +16,8 @@ pub struct Head {
     pub size: [u64; 2],
     /// Samples per pixel. For OpenEXR, the samples of all layers of the part are counted.
     pub channels: u64,
-    /// Bytes per pixel that the decoder returns. For OpenEXR, the bytes per pixel that the largest part needs in
-    /// addition to this part.
+    /// Number of bytes per pixel that the decoder returns. For OpenEXR, the number of bytes per pixel that the
+    /// largest part needs in addition to this part.
     pub decoded: u64,
     /// True if the samples are floats of linear light; false if they are integer codes.
     pub floats: bool,
@@ -120,7 +120,7 @@ fn jpeg(reader: &mut (impl Read + Seek)) -> Option<Head> {
     }
 }
 
-/// Reads a Radiance header, in which the line with the size follows an empty line.
+/// Reads a Radiance header. The line with the size follows an empty line.
 fn radiance(reader: &mut impl BufRead) -> Option<Head> {
     let mut line = String::new();
     let (mut all, mut last) = (reader.take(1 << 20), false);

@@ -9,12 +9,12 @@ use crate::math::num;
 /// Maximum length of a profile in bytes. Display profiles have a few kilobytes, and printer profiles up to 3 MB.
 pub const LARGEST: usize = 16 << 20;
 
-/// Meaning of the codes of a picture according to its profile.
+/// Meaning of the codes of a picture according to its colour profile.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Meaning {
     /// True if codes are proportional to light.
     pub linear: bool,
-    /// The part of the profile that is ignored: all of it, or its primaries.
+    /// Description of what is ignored: the whole profile, or its primaries. `None` if nothing is ignored.
     pub ignored: Option<String>,
 }
 
@@ -50,7 +50,7 @@ pub fn meaning(profile: &[u8]) -> Meaning {
     }
 }
 
-/// The name of a profile, cut to 64 characters.
+/// The name of a profile, truncated to 64 characters.
 fn name(profile: &ColorProfile) -> Option<String> {
     let text = match profile.description.as_ref()? {
         ProfileText::PlainString(text) => text,
@@ -61,7 +61,8 @@ fn name(profile: &ColorProfile) -> Option<String> {
     Some(text).filter(|text| !text.is_empty())
 }
 
-/// Colorants that differ by at most this, in XYZ, count as equal. Those of Display P3 differ from sRGB by 0.08.
+/// Maximum difference, in XYZ, between colorants that count as equal. The colorants of Display P3 differ from those
+/// of sRGB by 0.08.
 const SAME_COLORANT: f64 = 0.003;
 
 /// True if the colorants, adapted to D50, are those of sRGB.
@@ -74,8 +75,8 @@ fn srgb_primaries(profile: &ColorProfile) -> bool {
     })
 }
 
-/// Curves that differ by at most this, in linear light, count as equal. A pure gamma of 2.2 differs from sRGB by
-/// 0.008.
+/// Maximum difference, in linear light, between curves that count as equal. A pure gamma of 2.2 differs from sRGB
+/// by 0.008.
 const SAME_LIGHT: f64 = 0.003;
 
 /// True if a curve equals `wanted` within [`SAME_LIGHT`].
@@ -86,8 +87,8 @@ fn follows(curve: &ToneReprCurve, wanted: impl Fn(f64) -> f64) -> bool {
     })
 }
 
-/// Linear light of a code from 0 to 1, by sections 10.6 and 10.18 of the specification; `None` if the form of the
-/// curve is unknown.
+/// Linear light of a code from 0 to 1, as defined in sections 10.6 and 10.18 of the ICC specification; `None` if
+/// the form of the curve is unknown.
 fn light(curve: &ToneReprCurve, code: f64) -> Option<f64> {
     let value = match curve {
         ToneReprCurve::Lut(table) => match table[..] {

@@ -28,7 +28,7 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Rast
     let mut decoder = JpegDecoder::new_with_options(TrackedReader::new(bytes, progress), options);
     decoder.decode_headers().map_err(bad)?;
     let Some((width, height)) = decoder.dimensions() else {
-        return Err(Error::format(file, "the header has no size"));
+        return Err(Error::format(file, "the header does not state the size of the picture"));
     };
     if matches!(decoder.input_colorspace(), Some(ColorSpace::CMYK | ColorSpace::YCCK)) {
         return Err(Error::unsupported(file, "CMYK colours; save the picture as RGB"));
@@ -42,7 +42,7 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Rast
     }
     let raw = decoder.decode().map_err(bad)?;
     if raw.len() != width * height * 3 {
-        return Err(Error::format(file, "the number of samples differs from that in the header"));
+        return Err(Error::format(file, "the number of samples differs from the number in the header"));
     }
     let mut codes = Vec::with_capacity(raw.len());
     progress.over(&raw, |raw| codes.extend(raw.iter().map(|&code| u16::from(code))))?;
@@ -67,7 +67,7 @@ pub fn write_for(
     comment: Option<&str>,
     progress: Progress<'_>,
 ) -> Result<Vec<u8>, Error> {
-    let fail = |e: image::ImageError| Error::Mismatch(format!("cannot make a JPEG: {e}"));
+    let fail = |e: image::ImageError| Error::Mismatch(format!("cannot encode the picture as JPEG: {e}"));
     let (width, height) = (raster.width as u32, raster.height as u32);
     if width > 65_535 || height > 65_535 {
         return Err(Error::Mismatch(format!("{width}x{height} pixels are too many for JPEG; write a PNG")));

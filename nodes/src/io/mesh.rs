@@ -1,4 +1,4 @@
-//! Meshes as files: PLY, GLB and OBJ, as `LoadMesh` and other programs read them.
+//! Writes meshes as PLY, GLB or OBJ files, for `LoadMesh` and other programs.
 
 use engine::Up;
 use glam::{DMat4, DVec3};
@@ -31,8 +31,8 @@ impl MeshFormat {
     }
 }
 
-/// The bytes of a file that contains the mesh. `gltf_frame` has the up axis of the world and its metres per unit;
-/// with these, a GLB is converted to y up and metres. `None` writes the coordinates unchanged. The other formats
+/// Returns the bytes of a file that contains the mesh. If `gltf_frame` is the up axis of the world and its metres
+/// per unit, a GLB is converted to y up and metres. If it is `None`, coordinates are written unchanged. PLY and OBJ
 /// are never converted.
 pub fn encode(mesh: &Mesh, format: MeshFormat, gltf_frame: Option<(Up, f64)>) -> Vec<u8> {
     match format {

@@ -16,7 +16,7 @@ use crate::error::Error;
 use crate::types::{Data, Image, Linear, Picture, Srgb};
 
 engine::choices! {
-    /// Meaning of the numbers of a file.
+    /// Meaning of the sample values in a picture file.
     pub enum FileEncoding {
         /// PNG and JPEG hold display colours, unless their colour profile declares linear light; OpenEXR and
         /// Radiance hold linear light.
@@ -30,18 +30,19 @@ engine::choices! {
     }
 }
 
-/// Reads the head of a picture; `None` for other files.
+/// Reads the head of a picture; `None` for files that are not pictures.
 pub(crate) fn head_of(file: &FileHead<'_>) -> Option<Head> {
     file.open().and_then(|mut reader| Head::read(&mut reader))
 }
 
-/// Peak memory for reading a picture, including its file, and the size of its floats, both in bytes.
+/// Two sizes in bytes: the peak memory for reading a picture, including the bytes of the file, and the size of the
+/// resulting floats.
 pub fn floats_of(file: &FileHead<'_>) -> [u64; 2] {
     let [reading, floats] = head_of(file).map_or([0; 2], |head| head.as_floats());
     [reading.saturating_add(file.bytes), floats]
 }
 
-/// Width and height of the picture in a file, from its header; `None` for other files.
+/// Width and height of the picture in a file, from its header; `None` for files that are not pictures.
 pub fn size(path: &Path) -> Option<[u64; 2]> {
     Head::read(&mut BufReader::new(File::open(path).ok()?)).map(|head| head.size)
 }
@@ -90,7 +91,7 @@ pub(crate) fn decode(
         }
         _ => {
             refuse_foreign(name, bytes)?;
-            return Err(Error::format(name, "the file is not PNG, JPEG, OpenEXR or Radiance HDR"));
+            return Err(Error::format(name, "the file is not a PNG, JPEG, OpenEXR or Radiance HDR picture"));
         }
     };
     let encoding = match encoding {
@@ -108,7 +109,7 @@ pub(crate) fn decode(
 
 type Decoded = (usize, usize, usize, Vec<f32>, bool);
 
-/// Converts codes to numbers. Colours become RGB or RGBA; data keeps its number of channels.
+/// Converts integer codes to floats. Colours become RGB or RGBA; data keeps its number of channels.
 fn whole(
     raster: Raster,
     encoding: FileEncoding,
@@ -126,7 +127,7 @@ fn whole(
     if linear {
         notes.decision(
             "linear-profile",
-            "the colour profile of the file declares linear light; it is read as linear",
+            "the colour profile of the file declares linear light, so the picture is read as linear",
         );
     }
     Ok((raster.width, raster.height, channels, samples, linear))
@@ -142,7 +143,7 @@ fn tell(file: &exr::Opened<'_>, by_default: bool, notes: &mut Notes) {
         notes.warning(
             "one-part-only",
             format!(
-                "the file has {} parts; `{}` is read, and `layer` may name another: {}",
+                "the file has {} parts, and the part `{}` is read; set `layer` to read another part: {}",
                 file.parts(),
                 file.part(),
                 file.part_names().join(", ")
@@ -189,7 +190,7 @@ fn layer(name: &str, file: &exr::Opened<'_>) -> Result<Vec<String>, Error> {
 fn no_layer(name: &str, file: &exr::Opened<'_>, names: &[String], chroma: bool) -> Error {
     let what = match file.layer.as_str() {
         _ if chroma => {
-            "the picture has luminance and chroma (Y, RY, BY), which are not read as colour".to_owned()
+            "the picture stores luminance and chroma (Y, RY, BY), which cannot be read as colour".to_owned()
         }
         "" => "the picture has neither channels R, G and B nor a channel Y".to_owned(),
         layer => format!("the picture has no layer `{layer}`"),
@@ -224,8 +225,12 @@ fn finite(
             }
         }
     }
-    notes.count("not-a-number", lost, "samples are not numbers and were set to 0");
-    notes.count("infinite", capped, "samples are infinite and were set to 65504, the largest 16-bit float");
+    notes.count("not-a-number", lost, "of the samples had the value NaN, which was replaced with 0");
+    notes.count(
+        "infinite",
+        capped,
+        "of the samples had an infinite value, which was replaced with 65504, the largest 16-bit float",
+    );
     Ok(samples)
 }
 

@@ -17,7 +17,7 @@ pub enum Format {
 
 /// Type of a number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[allow(missing_docs, reason = "the names say it")]
+#[allow(missing_docs, reason = "the names state the type and the number of bits")]
 pub enum Scalar {
     I8,
     U8,
@@ -174,7 +174,7 @@ pub fn header(file: &str, bytes: &[u8]) -> Result<Header, Error> {
         let words: Vec<&str> = line.split_ascii_whitespace().collect();
         let odd = || bad(format!("line {number} of the header, `{line}`, is not understood"));
         let named = |word: &str| {
-            Scalar::named(word).ok_or_else(|| bad(format!("property type `{word}` is not a type of PLY")))
+            Scalar::named(word).ok_or_else(|| bad(format!("`{word}` is not a property type of PLY")))
         };
         match words.as_slice() {
             ["ply"] if number == 1 => {}

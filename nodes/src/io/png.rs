@@ -84,7 +84,7 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Rast
     let wide = depth == BitDepth::Sixteen;
     let sample = if wide { 2 } else { 1 };
     if raw.len() != width * height * channels * sample {
-        return Err(Error::format(file, "the number of samples differs from that in the header"));
+        return Err(Error::format(file, "the number of samples differs from the number in the header"));
     }
     let mut codes = Vec::with_capacity(width * height * channels);
     if wide {
@@ -127,9 +127,9 @@ fn profile(bytes: &[u8]) -> Option<icc::Meaning> {
     }
 }
 
-/// Writes codes as a PNG, with 8 bits per sample if `largest` of the raster is 255, otherwise 16. `srgb` declares
-/// that colour samples are sRGB-encoded; `texts` are keywords and texts of its metadata. Filter and compression are
-/// fixed.
+/// Encodes the integer samples of a picture as a PNG, with 8 bits per sample if `raster.largest` is 255, otherwise
+/// with 16. `srgb` declares that colour samples are sRGB-encoded. `texts` holds the keyword and the text of each entry of the metadata.
+/// Filter and compression are fixed.
 pub fn write(raster: &Raster, srgb: bool, texts: &[(&str, &str)]) -> Result<Vec<u8>, Error> {
     write_for(raster, Packing::Small, srgb, texts, Progress::UNTRACKED)
 }
@@ -146,7 +146,7 @@ pub fn write_for(
 }
 
 /// Writes frames of equal size and type as an animated PNG. `delay` is the duration of a frame as a fraction of a
-/// second, `plays` the number of repetitions, 0 for endless.
+/// second, and `plays` is the number of times that the animation is played, or 0 to repeat it forever.
 pub fn write_frames(
     frames: &[Raster],
     delay: (u16, u16),
@@ -168,7 +168,7 @@ fn write_all(
     texts: &[(&str, &str)],
     progress: Progress<'_>,
 ) -> Result<Vec<u8>, Error> {
-    let fail = |e: png::EncodingError| Error::Mismatch(format!("cannot make a PNG: {e}"));
+    let fail = |e: png::EncodingError| Error::Mismatch(format!("cannot encode the picture as PNG: {e}"));
     let Some(first) = frames.first() else {
         return Err(Error::Mismatch("cannot write a PNG without a picture".to_owned()));
     };
@@ -216,7 +216,7 @@ fn write_all(
 /// number.
 const LARGEST_CHUNK: usize = (u32::MAX >> 1) as usize - 4;
 
-/// The control chunk of a frame that replaces the whole picture.
+/// The frame-control chunk (`fcTL`) of a frame that replaces the whole picture.
 fn frame_control(sequence: u32, frame: &Raster, (numerator, denominator): (u16, u16)) -> Vec<u8> {
     let sizes = [sequence, frame.width as u32, frame.height as u32, 0, 0].map(u32::to_be_bytes).concat();
     let delay = [numerator, denominator].map(u16::to_be_bytes).concat();

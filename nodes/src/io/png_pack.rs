@@ -59,7 +59,7 @@ impl Deflate {
 
 /// The data of a picture: all filtered rows, each preceded by the number of its filter, deflated.
 pub fn pack(raster: &Raster, packing: Packing, progress: Progress<'_>) -> Result<Vec<u8>, Error> {
-    let fail = |e: std::io::Error| Error::Mismatch(format!("cannot make a PNG: {e}"));
+    let fail = |e: std::io::Error| Error::Mismatch(format!("cannot encode the picture as PNG: {e}"));
     let rows = raster.height;
     let step = (BATCH / (raster.width * raster.channels * 2).max(1)).clamp(1, 256);
     let length = raster.width * raster.channels * if raster.largest == 255 { 1 } else { 2 } + 1;
@@ -159,7 +159,7 @@ fn apply(filter: u8, back: usize, above: &[u8], now: &[u8]) -> Vec<u8> {
 }
 
 /// Returns the neighbour (left, above or upper left) that is nearest to left + above - upper left; the first of
-/// them in this order if several are.
+/// them in this order if several are equally near.
 fn paeth(a: u8, b: u8, c: u8) -> u8 {
     let (toward_a, toward_b) = (i16::from(b) - i16::from(c), i16::from(a) - i16::from(c));
     let (pa, pb, pc) = (toward_a.abs(), toward_b.abs(), (toward_a + toward_b).abs());
@@ -212,8 +212,8 @@ mod tests {
         bytes
     }
 
-    /// The rows give the bytes of the whole picture. This test fails if `sum <= least` is `sum < least`, or without
-    /// the fallback for noise.
+    /// Packing row by row gives the same bytes as the library. This test fails if `sum <= least` is replaced with
+    /// `sum < least`, or if the fallback for noise is removed.
     #[test]
     fn rows_give_the_bytes_of_the_whole_picture() {
         for (largest, noise) in [(255, 1), (255, 9), (255, 256), (65_535, 1), (65_535, 300), (65_535, 65_536)]

@@ -68,8 +68,8 @@ impl<'a> Progress<'a> {
         Ok(())
     }
 
-    /// Applies `f` to every index below `n` and returns the results in the order of the indices. Uses the shared
-    /// threads if there are any.
+    /// Applies `f` to every index below `n` and returns the results in the order of the indices. If this is
+    /// progress of a run, the work is distributed over the threads of the run.
     ///
     /// # Errors
     /// [`Error::Stopped`] if the run was cancelled.
@@ -96,7 +96,7 @@ pub struct TrackedReader<'a> {
 }
 
 impl<'a> TrackedReader<'a> {
-    /// A reader at the start of a file.
+    /// Creates a reader at the start of a file.
     pub fn new(bytes: &'a [u8], progress: Progress<'a>) -> Self {
         Self { bytes, at: 0, asks: 0, progress }
     }
@@ -142,13 +142,13 @@ pub struct TrackedWriter<'a> {
     /// The bytes written.
     pub bytes: Vec<u8>,
     asks: usize,
-    /// Approximate final length.
+    /// Approximate final length, in bytes.
     expected: usize,
     progress: Progress<'a>,
 }
 
 impl<'a> TrackedWriter<'a> {
-    /// A writer of an empty file, whose final length will be approximately `expected`.
+    /// Creates a writer of a file whose final length is approximately `expected` bytes.
     pub fn new(expected: usize, progress: Progress<'a>) -> Self {
         Self { bytes: Vec::with_capacity(expected), asks: 0, expected, progress }
     }

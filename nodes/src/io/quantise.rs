@@ -35,13 +35,17 @@ impl Lost {
         if self.not_a_number > 0 {
             notes.degraded(
                 "not-a-number",
-                format!("{} samples of `{view}` are not numbers and were written as 0", self.not_a_number),
+                format!(
+                    "{} of the samples of `{view}` had the value NaN, which was written as 0",
+                    self.not_a_number
+                ),
             );
         }
-        for (id, count, what) in
-            [("clipped-above", self.above, "lie above 1"), ("clipped-below", self.below, "lie below 0")]
-        {
-            notes.count(id, count, format!("samples of `{view}` {what} and were clamped"));
+        for (id, count, what) in [
+            ("clipped-above", self.above, "above 1, which was reduced to 1"),
+            ("clipped-below", self.below, "below 0, which was raised to 0"),
+        ] {
+            notes.count(id, count, format!("of the samples of `{view}` had a value {what}"));
         }
     }
 }

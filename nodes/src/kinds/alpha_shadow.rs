@@ -9,15 +9,15 @@ use crate::types::layers::{linear, matching};
 use crate::types::{Data, Image, Images, NamedImage};
 
 engine::params! {
-    /// Makes the shadow by alpha compositing of a grey mask instead of by a ratio of light. The paper evaluates
-    /// this variant in an ablation.
+    /// Makes the shadow in the way that alpha compositing of a grey mask would, instead of from a ratio of light.
+    /// The paper evaluates this variant in an ablation.
     ///
     /// The mask is the fraction of luminance that the objects take away. An image editor composites it as black
     /// over the displayed picture, without converting to linear light. This node outputs a factor in linear light
-    /// instead, chosen so that white becomes the same as in the editor. Darker pixels become darker than in the
-    /// editor: under a mask of 0.5, code 128 becomes 61 instead of 64, and code 26 becomes 7 instead of 13. The
-    /// shadows are too dark and have no colour. For real work use `shadow-ratio`, which can replace this node in a
-    /// graph.
+    /// instead, chosen so that a white pixel gets the same value as in the editor. Darker pixels become darker than
+    /// in the editor: under a mask of 0.5, code 128 becomes 61 instead of 64, and code 26 becomes 7 instead of 13.
+    /// The shadows are too dark and have no colour. For real work use `shadow-ratio`, which can replace this node
+    /// in a graph.
     pub struct AlphaShadow {
         /// Opacity of the mask.
         strength: f64 = 1.0, range(0.0, 1.0), other("0.5");

@@ -58,7 +58,10 @@ impl Kind for Camera {
     fn check(p: &Self) -> Result<(), NodeError> {
         let towards = DVec3::from_array(p.target) - DVec3::from_array(p.eye);
         if towards.length() == 0.0 {
-            return Err(NodeError::new("`eye` and `target` are the same point").at("target"));
+            return Err(NodeError::new(
+                "`eye` and `target` are the same point, so the camera has no direction",
+            )
+            .at("target"));
         }
         check_name(&p.name)
     }

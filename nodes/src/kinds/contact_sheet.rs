@@ -40,7 +40,7 @@ struct Layout {
     columns: usize,
     cell: (usize, usize),
     gap: usize,
-    /// Width and height of the sheet.
+    /// Width and height of the sheet, in pixels.
     size: (usize, usize),
 }
 
@@ -81,11 +81,11 @@ impl Kind for ContactSheet {
         if let Some(other) = views.iter().find(|view| like(&view.picture) != like(&first.picture)) {
             let text = |view: &NamedImage| {
                 let (encoding, channels) = like(&view.picture);
-                format!("`{}` has {encoding} values and {channels} channels", view.name)
+                format!("`{}` has the encoding `{encoding}` (channels: {channels})", view.name)
             };
-            return Err(NodeError::new(format!("{}, {}", text(first), text(other)))
+            return Err(NodeError::new(format!("{}, but {}", text(first), text(other)))
                 .at("images")
-                .hint("a sheet has one encoding; gather pictures of the same encoding"));
+                .hint("gather pictures with the same encoding and number of channels"));
         }
         let layout = Layout::new(p, &views);
         let (width, height) = layout.size;
@@ -161,7 +161,9 @@ mod tests {
         let display = Images::single("photo", Image::<Srgb>::new(1, 1, 3));
         let why = sheet(0, 0, vec![plain(1, 1, 1.0), display]).err().unwrap_or_default();
         assert!(
-            why.contains("`v` has data values and 1 channels, `photo` has srgb values and 3 channels"),
+            why.contains(
+                "`v` has the encoding `data` (channels: 1), but `photo` has the encoding `srgb` (channels: 3)"
+            ),
             "{why}"
         );
         assert!(sheet(0, 0, vec![]).is_err());

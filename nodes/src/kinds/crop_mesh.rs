@@ -14,11 +14,12 @@ engine::params! {
     /// A triangle is kept if its centroid lies inside; triangles are not cut. Removing the ceiling of a room
     /// (`below_height: 2.4`) lets light in; the paper compares its method with this simple approach.
     pub struct CropMesh {
-        /// Corner of the box with the smallest world coordinates.
+        /// Corner of the box with the smallest world coordinates. The default is a box without lower bounds.
         box_min: Option<[f64; 3]> = None, other("(0.2, -1.0, -1.0)"), unit("world units");
-        /// Corner of the box with the largest world coordinates.
+        /// Corner of the box with the largest world coordinates. The default is a box without upper bounds.
         box_max: Option<[f64; 3]> = None, other("(0.5, 1.0, 1.0)"), unit("world units");
-        /// Maximum height of the triangles that are kept, along the up axis of the scene.
+        /// Maximum height of the triangles that are kept, along the up axis of the scene. The default is no
+        /// maximum.
         below_height: Option<f64> = None, other("0.5"), unit("world units");
     }
 }
@@ -74,9 +75,18 @@ impl Kind for CropMesh {
         }
         let mut notes = Notes::none();
         let (left, all) = (kept.triangles.len(), mesh.triangles.len());
-        notes.count("cropped", (all - left) as u64, format_args!("of {all} triangles were removed"));
+        notes.count(
+            "cropped",
+            (all - left) as u64,
+            format_args!(
+                "of the {all} triangles had a centroid outside the given limits and had to be removed"
+            ),
+        );
         if left == 0 && all > 0 {
-            notes.degraded("empty", "no triangle of the mesh is left");
+            notes.degraded(
+                "empty",
+                "no triangle of the mesh is within the given limits, so the mesh is empty",
+            );
         }
         Ok((Out { mesh: Arc::new(kept) }, notes))
     }

@@ -53,7 +53,8 @@ engine::outputs! {
 }
 
 /// Rotations of an off-axis cube about up, then right, then forward, in degrees. Other angles far from 0, 45 and 90
-/// would also do. With these angles, the viewing direction of every face is at least 15 degrees from every axis.
+/// would work as well. With these angles, the viewing direction of every face is at least 15 degrees from every
+/// axis.
 const OFF_AXIS_DEG: [f64; 3] = [27.0, 19.0, 11.0];
 
 /// Rotates the perpendicular unit vectors `a` and `b` in their plane by `degrees`, from `a` towards `b`.

@@ -1,4 +1,5 @@
-//! `fit-probe`: reduces the resolution of a rig to what materials and shadows can show.
+//! `fit-probe`: reduces the resolution of views to the resolution that the materials and shadows of objects can
+//! show.
 
 use std::sync::Arc;
 
@@ -9,7 +10,7 @@ use crate::light::panorama::COLUMNS_A_PIXEL;
 use crate::types::{Environment, Placed, Rig};
 
 engine::params! {
-    /// Reduces the resolution of the views around a point to what the objects lit by them can show.
+    /// Reduces the resolution of the views around a point to the resolution that the objects lit by them can show.
     ///
     /// A coarse panorama of the same light (128 columns, for example) gives the size of its lights; the objects
     /// give the roughness of their smoothest material. Both determine how many columns the panorama needs
@@ -17,7 +18,8 @@ engine::params! {
     /// enlarged. Set `as_views: true` on `stitch` so that the panorama gets the number of columns that its views
     /// support.
     pub struct FitProbe {
-        /// True to reduce the views to the resolution that is enough; `false` keeps the rig and only reports that resolution.
+        /// True to reduce the views to the resolution that is enough; `false` leaves the views unchanged and only
+        /// reports that resolution.
         skip_fine: bool = true, other("false");
     }
 }
@@ -28,8 +30,8 @@ engine::inputs! {
         rig: Arc<Rig>,
         /// Objects to be lit.
         objects: Vec<Arc<Placed>>,
-        /// Coarse panorama of the same light. Its pixels can make a light appear up to half a pixel wider, so this
-        /// width is subtracted.
+        /// Coarse panorama of the same light. Its pixels can make a light appear up to half a pixel wider, so half
+        /// a pixel is subtracted from the width of each light.
         look: Arc<Environment>,
     }
 }

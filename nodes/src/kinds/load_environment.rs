@@ -22,7 +22,7 @@ engine::params! {
         /// Layer of an OpenEXR file, such as `ViewLayer.Combined`, or a channel. The default is the unnamed layer.
         layer: String = String::new(), other("\"R\"");
         /// Rotates the light about the up axis, counter-clockwise seen from above. Rotations by a fraction of a
-        /// pixel interpolate between pixels, and keep the energy of each row.
+        /// pixel interpolate between pixels and preserve the energy of each row.
         rotation_deg: f64 = 0.0, range(-36000, 36000), unit("degrees"), other("90.0");
         /// Factor applied to the radiance.
         scale: f64 = 1.0, range(0, 1e9), other("2.0");
@@ -93,8 +93,12 @@ fn scale(rgb: &mut [f32], by: f64, notes: &mut Notes) {
         *value = scaled.clamp(0.0, f64::from(f32::MAX)) as f32;
     }
     for (id, count, what) in [
-        ("radiance-negative", negative, "samples lie below 0 and were set to 0"),
-        ("radiance-capped", capped, "samples overflowed when scaled and were clamped"),
+        ("radiance-negative", negative, "of the samples had a value below 0, which was replaced with 0"),
+        (
+            "radiance-capped",
+            capped,
+            "of the samples overflowed when scaled, and had to be clamped to the largest 32-bit float",
+        ),
     ] {
         notes.count(id, count, what);
     }

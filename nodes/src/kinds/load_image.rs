@@ -14,7 +14,7 @@ pub use crate::io::picture::FileEncoding;
 engine::params! {
     /// Loads pictures: PNG, JPEG, OpenEXR or Radiance HDR.
     ///
-    /// Integer codes become numbers from 0 to 1. Values are not converted; `encoding` declares what they mean.
+    /// Integer codes become numbers from 0 to 1. Values are not converted; `encoding` declares their meaning.
     /// Straight alpha (PNG) is premultiplied.
     pub struct LoadImage {
         /// Path of the file.
@@ -68,7 +68,8 @@ impl Kind for LoadImage {
     fn check(p: &Self) -> Result<(), NodeError> {
         let files = 1 + p.more.len();
         if !p.names.is_empty() && p.names.len() != files {
-            let what = format!("there are {} names, but {files} files", p.names.len());
+            let what =
+                format!("`names` must list one name per file (names: {}, files: {files})", p.names.len());
             return Err(NodeError::new(what).at("names"));
         }
         p.names.iter().try_for_each(|name| check_name(name).map_err(|e| e.at("names")))
@@ -88,7 +89,7 @@ impl Kind for LoadImage {
             let stem = stem.rsplit_once('.').map_or(stem, |(stem, _)| stem);
             let name = p.names.get(index).map_or(stem, String::as_str).to_owned();
             if views.iter().any(|view| view.name == name) {
-                let error = NodeError::new(format!("two views are called `{name}`"));
+                let error = NodeError::new(format!("two views have the name `{name}`"));
                 return Err(error.at("more").hint("distinguish them with `names`"));
             }
             views.push(NamedImage { name, picture });

@@ -34,9 +34,10 @@ engine::params! {
         path: InputFile, other("\"b.exr\"");
         /// Layer of an OpenEXR file, such as `ViewLayer.Combined`, or a channel. The default is the unnamed layer.
         layer: String = String::new(), other("\"R\"");
-        /// Exposes linear light as an 8-bit camera would, this many stops above EV 0. At EV 0 the median of the
-        /// picture, raised to the power 1 / 2.4, is half of white, unless more than 15 % of the sphere would then
-        /// be above white. `None` keeps the light unclipped.
+        /// Exposes linear light as an 8-bit camera would, this many stops above EV 0. EV 0 is the exposure at which
+        /// the median of the positive samples is 0.5 after it is raised to the power 1 / 2.4. If more than 15 % of
+        /// the sphere would then be above white, EV 0 is the brightest exposure at which at most 15 % is. `None`
+        /// keeps the light unclipped.
         photograph_ev: Option<f64> = None, range(-24, 24), unit("EV"), other("1.0");
         /// Rotation about the up axis, counter-clockwise seen from above. Linear light is interpolated between
         /// pixels; display colours rotate by the nearest whole number of columns, because interpolation would dim a
@@ -58,8 +59,8 @@ engine::outputs! {
         pano: Arc<Panorama>,
         /// Colours of the panorama, for `write-image`.
         image: Arc<Images>,
-        /// Light of the panorama before clipping by `photograph_ev`, at the same exposure: the reference for
-        /// `score-env`.
+        /// Light of the panorama at the same exposure, without the clipping by `photograph_ev`. It can serve as the
+        /// reference for `score-env`.
         env: Arc<Environment>,
     }
 }
@@ -113,11 +114,12 @@ impl Kind for LoadPanorama {
         }
         let (image, light) = match p.photograph_ev {
             Some(_) if !linear => {
-                let error =
-                    NodeError::new("the file contains display colours, which already have an exposure");
+                let error = NodeError::new(
+                    "`photograph_ev` needs linear light, but the display colours of the file already have an exposure",
+                );
                 return Err(error
                     .at("photograph_ev")
-                    .hint("leave out `photograph_ev`, or load an OpenEXR or Radiance file"));
+                    .hint("remove `photograph_ev`, or load an OpenEXR or Radiance file"));
             }
             Some(ev) => photograph(Image::from_samples(width, height, 3, samples), ev, cx.up(), &mut notes),
             None if linear => {
@@ -146,7 +148,7 @@ impl Kind for LoadPanorama {
     }
 }
 
-/// The rotation, in degrees, by the whole number of columns that is nearest to a rotation by `degrees`.
+/// Returns `degrees` rounded to a rotation by a whole number of columns, in degrees.
 fn whole_columns(degrees: f64, width: usize, notes: &mut Notes) -> f64 {
     let column = 360.0 / width as f64;
     let whole = (degrees / column).round() * column;
@@ -186,7 +188,7 @@ fn fill_holes(
     let lost = open.iter().filter(|at| pixels[**at][..3].iter().any(|v| *v > 0.0)).count();
     if lost > 0 {
         let text = format!(
-            "the light of {lost} transparent pixels is ignored, since transparent pixels are filled as holes; to keep this light, save the file without alpha"
+            "the light of transparent pixels is ignored, since they are filled as holes (count: {lost}); to keep this light, save the file without alpha"
         );
         notes.warning("light-in-holes", text);
     }
@@ -385,7 +387,7 @@ mod tests {
             notes.iter().find(|note| note.id == "light-in-holes").map(|note| note.text.clone())
         };
         assert_eq!(reported(0.0), None);
-        assert!(reported(50.0).is_some_and(|text| text.starts_with("the light of 1 transparent pixels")));
+        assert!(reported(50.0).is_some_and(|text| text.contains("(count: 1)")));
     }
 
     /// A photograph of the front half of the sphere, as written by phones, is placed according to its metadata, and

@@ -190,7 +190,8 @@ const LEVELLED: usize = 1 << 16;
 /// Cosine of 25 degrees, the largest angle between two up directions that count as the same.
 const SAME_UP: f64 = 0.906;
 
-/// Text of a warning if the floor of the scene clearly shows that its up axis is not the up axis of the graph.
+/// Text of a warning that the floor of the scene points to an up axis other than the up axis of the graph. `None`
+/// if they agree, or if the floor is not found with certainty.
 fn other_up(splats: &Splats, cx: &Context) -> Option<String> {
     let step = splats.len().div_ceil(LEVELLED).max(1);
     let few = || (0..splats.len()).step_by(step);

@@ -10,8 +10,8 @@ use crate::types::{Object, Placed, Pose};
 engine::params! {
     /// Places an object at a pose.
     ///
-    /// The coordinates of objects follow glTF: y is up, and the unit is the metre. They are converted to the world
-    /// by `up` and `metres_per_unit` of the scene.
+    /// The coordinates of objects follow glTF: y is up, and the unit is the metre. They are converted to the up
+    /// axis and the unit of the world, which `up` and `metres_per_unit` of the scene define.
     pub struct Place {}
 }
 engine::inputs! {

@@ -33,7 +33,7 @@ engine::inputs! {
     pub struct In {
         /// Position of the middle of the rectangle, and its rotation.
         at: Arc<Pose>,
-        /// The scene whose colours the rectangle takes.
+        /// The scene from which the rectangle takes its colours. Without it, the rectangle has no colours.
         splats: Option<Arc<Splats>>,
     }
 }
@@ -76,7 +76,7 @@ impl Kind for Plane {
         let middle = at.translation();
         let straight = right.cross(forward).dot(up);
         if !middle.is_finite() || straight.is_nan() || straight <= 0.5 {
-            return Err(NodeError::new("the pose is not finite, or has no ground plane").at("at"));
+            return Err(NodeError::new("the pose is not finite, mirrors the plane or flattens it").at("at"));
         }
         let sides = [params.width_metres, params.depth_metres];
         let squares = sides.map(|side| ((side / params.square_metres).ceil() as u32).max(1));
@@ -117,7 +117,7 @@ impl Kind for Plane {
             )?;
             if mesh.colours.is_empty() {
                 let text = format!(
-                    "no splat lies within {} m of the plane, so it has no colours",
+                    "no splat lies within {} m of the plane, so the plane has no colours",
                     params.thickness_metres
                 );
                 notes.warning("plane-without-colours", text);
@@ -127,7 +127,8 @@ impl Kind for Plane {
     }
 }
 
-/// Colours of the corners, row by row, seen from straight above. `None` if there are no splats.
+/// Colours of the corners of the squares, row by row, seen from straight above. Empty if no splat lies near the
+/// plane.
 fn colours(
     splats: &Splats,
     [right, forward, up]: [DVec3; 3],

@@ -1,4 +1,4 @@
-//! `pose`: where an object stands.
+//! `pose`: the position, direction and size of an object.
 
 use std::sync::Arc;
 

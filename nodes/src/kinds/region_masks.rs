@@ -20,8 +20,8 @@ engine::params! {
         /// Largest alpha at which a pixel can belong to the shadow or the rest. Pixels of soft edges, whose alpha
         /// is between this value and `object_threshold`, belong to no region.
         edge_threshold: f64 = 0.0, range(0, 1), other("0.5");
-        /// Minimum change of a channel for a pixel to belong to the shadow. The change is a difference in display
-        /// values, or the difference of the factor from 1.
+        /// Minimum change of a channel for a pixel to belong to the shadow: between `with` and `without`, the
+        /// difference in display values; in `shadow`, the difference between the ratio and 1.
         shadow_threshold: f64 = 0.02, range(0, 1), other("0.3");
         /// Height of the contact band, as a fraction of the object's height in the picture.
         contact: f64 = 0.05, range(0, 1), other("0.5");
@@ -65,7 +65,7 @@ impl Kind for RegionMasks {
         if p.edge_threshold > p.object_threshold {
             return Err(NodeError::new("`edge_threshold` cannot exceed `object_threshold`")
                 .at("edge_threshold")
-                .hint("make it at most `object_threshold`"));
+                .hint("lower `edge_threshold` or raise `object_threshold`"));
         }
         Ok(())
     }
@@ -93,7 +93,7 @@ impl Kind for RegionMasks {
             cx.check()?;
             let (width, height, channels) = view.picture.size();
             if !matches!(channels, 1 | 2 | 4) || width == 0 || height == 0 {
-                let what = format!("`{}` has {channels} channels and no alpha", view.name);
+                let what = format!("`{}` has no alpha channel (channels: {channels})", view.name);
                 return Err(NodeError::new(what).at("object").hint("give a picture with alpha, or a mask"));
             }
             let alpha: Vec<f64> = view
@@ -127,10 +127,11 @@ impl Kind for RegionMasks {
     }
 }
 
-/// Checks that at most one source of the shadow is wired, and that `with` and `without` are wired together.
+/// Checks that at most one source of the shadow is wired, and that `with` and `without` are either both wired or
+/// both unwired.
 fn check_shadow([shadow, with, without]: [bool; 3]) -> Result<(), NodeError> {
     if with != without {
-        return Err(NodeError::new("`with` and `without` must be wired together").at(if with {
+        return Err(NodeError::new("`with` and `without` must both be wired, or neither").at(if with {
             "with"
         } else {
             "without"

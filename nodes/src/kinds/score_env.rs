@@ -59,13 +59,13 @@ engine::outputs! {
 const FINE: usize = 256;
 /// Number of columns of the grid for the planes in every direction, the spheres and the dominant light.
 const COARSE: usize = 128;
-/// Minimum ratio of the brightest direction to the mean of the sphere for a light to be dominant, after
-/// smoothing by a lobe of 10 degrees.
+/// Minimum ratio of the radiance in the brightest direction to the mean radiance of the sphere for a light to be
+/// dominant. The radiance is first smoothed with a lobe of 10 degrees.
 const STANDS_OUT: f64 = 1.1;
 
 impl Kind for ScoreEnv {
     const NAME: &'static str = "score-env";
-    const VERSION: u32 = 6;
+    const VERSION: u32 = 7;
     type Params = Self;
     type In = In;
     type Out = Out;
@@ -93,7 +93,7 @@ impl Kind for ScoreEnv {
         };
         let table = Table::new("light", ["measure", "value", "unit"], scores.iter().map(row).collect());
         let report =
-            Report { title: "Recovered light compared with the truth".to_owned(), tables: vec![table] };
+            Report { title: "Recovered light compared with the reference".to_owned(), tables: vec![table] };
         Ok((Out { report: Arc::new(report) }, notes))
     }
 }
@@ -143,20 +143,24 @@ fn score(
     let (peak, peak_truth) = (peak(&fine), peak(&fine_truth));
     let peaks = (peak > 0.0 && peak_truth > 0.0).then(|| num::f64::log2(peak / peak_truth));
     let mut scores = vec![
-        ("mean irradiance of red, green and blue, log2 of found over true", "stops", ratio),
-        ("irradiance, relative RMS error over all planes", "", relative),
-        ("direction of the dominant light, angle", "deg", off),
-        ("dominant light against the rest, log2 of found over true", "stops", contrasts),
-        ("peak luminance on a grid of 256 columns, log2 of found over true", "stops", peaks),
+        (
+            "mean irradiance over all planes (red, green and blue), log2(recovered / reference)",
+            "stops",
+            ratio,
+        ),
+        ("irradiance on all planes, relative RMS error", "", relative),
+        ("direction of the dominant light, angular error", "deg", off),
+        ("contrast of the dominant light, log2(recovered / reference)", "stops", contrasts),
+        ("peak luminance on a grid of 256 columns, log2(recovered / reference)", "stops", peaks),
     ];
     let [right, forward, up] = axes(truth.up);
     let sides = [
-        ("irradiance of a plane that faces up, luminance, log2 of found over true", up),
-        ("irradiance of a plane that faces down, luminance, log2 of found over true", -up),
-        ("irradiance of a plane that faces right, luminance, log2 of found over true", right),
-        ("irradiance of a plane that faces left, luminance, log2 of found over true", -right),
-        ("irradiance of a plane that faces forward, luminance, log2 of found over true", forward),
-        ("irradiance of a plane that faces back, luminance, log2 of found over true", -forward),
+        ("irradiance on a plane that faces up (luminance), log2(recovered / reference)", up),
+        ("irradiance on a plane that faces down (luminance), log2(recovered / reference)", -up),
+        ("irradiance on a plane that faces right (luminance), log2(recovered / reference)", right),
+        ("irradiance on a plane that faces left (luminance), log2(recovered / reference)", -right),
+        ("irradiance on a plane that faces forward (luminance), log2(recovered / reference)", forward),
+        ("irradiance on a plane that faces back (luminance), log2(recovered / reference)", -forward),
     ];
     let [planes, planes_truth] = [env, truth].map(|of| irradiances(of, sides.map(|(_, normal)| normal)));
     for ((name, _), (found, want)) in sides.into_iter().zip(planes.into_iter().zip(planes_truth)) {
@@ -164,9 +168,9 @@ fn score(
         scores.push((name, "stops", (found > 0.0 && want > 0.0).then(|| num::f64::log2(found / want))));
     }
     let (absolute, energy) = weighed(env, truth);
-    scores.push(("panorama, absolute error by solid angle over the mean of the truth", "", absolute));
+    scores.push(("panorama, mean absolute error divided by the mean of the reference", "", absolute));
     scores.push((
-        "energy over the whole sphere of red, green and blue, log2 of found over true",
+        "energy over the whole sphere (red, green and blue), log2(recovered / reference)",
         "stops",
         energy,
     ));
@@ -175,7 +179,7 @@ fn score(
         scores.push((names[0], "", error.map(|e| e.relative)));
         scores.push((names[1], "", error.map(|e| e.scaled)));
         if sphere == Sphere::Diffuse {
-            scores.push(("matte sphere, mean angle between colours", "deg", error.map(|e| e.angle_deg)));
+            scores.push(("matte sphere, mean RGB angular error", "deg", error.map(|e| e.angle_deg)));
         }
     }
     Ok(scores)
@@ -183,14 +187,17 @@ fn score(
 
 /// Spheres with the names of their two scores.
 const SPHERES: [(Sphere, [&str; 2]); 3] = [
-    (Sphere::Diffuse, ["matte sphere, relative RMS error", "matte sphere, the same after the best exposure"]),
+    (
+        Sphere::Diffuse,
+        ["matte sphere, relative RMS error", "matte sphere, scale-invariant relative RMS error"],
+    ),
     (
         Sphere::Glossy,
-        ["glossy sphere, relative RMS error", "glossy sphere, the same after the best exposure"],
+        ["glossy sphere, relative RMS error", "glossy sphere, scale-invariant relative RMS error"],
     ),
     (
         Sphere::Mirror,
-        ["mirror sphere, relative RMS error", "mirror sphere, the same after the best exposure"],
+        ["mirror sphere, relative RMS error", "mirror sphere, scale-invariant relative RMS error"],
     ),
 ];
 

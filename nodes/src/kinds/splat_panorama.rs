@@ -54,8 +54,8 @@ engine::outputs! {
         image: Arc<Images>,
         /// Coverage of each pixel, 0 to 1.
         alpha: Arc<Images>,
-        /// Distance from the panorama's viewpoint in world units, +inf where nothing is seen: the mean over the
-        /// samples of a pixel, weighted by alpha.
+        /// Distance from the panorama's viewpoint in world units: the mean over the samples of a pixel, weighted by
+        /// alpha. It is +inf where nothing is seen.
         depth: Arc<Images>,
         /// Number of splats blended into each pixel, over all its samples; empty unless `count_blends` is set.
         blends: Arc<Images>,
@@ -139,7 +139,7 @@ impl Kind for SplatPanorama {
         if fine * fine / 2 <= MAX_PIXELS {
             return Ok(());
         }
-        let what = format!("{fine} by {} samples are too many", fine / 2);
+        let what = format!("a panorama of {fine} by {} samples is too large", fine / 2);
         Err(NodeError::new(what).at("supersample").hint(format!("the limit is {MAX_PIXELS} samples")))
     }
 

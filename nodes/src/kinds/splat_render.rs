@@ -13,8 +13,9 @@ engine::params! {
     ///
     /// The method is EWA splatting as defined by the INRIA rasterizer, with exact bounds, a stable sort (splats
     /// with equal keys stay in file order) and the same bytes on every machine. Colours are blended over black in
-    /// the encoding in which they were trained, and are not clipped: to get light, un-premultiply and then
-    /// linearise them. For the exact sum of all splats, set `bounds: None, precision: F64, alpha_cut: 0, stop: 0`.
+    /// the encoding in which they were trained, and are not clipped. To obtain light, un-premultiply the colours
+    /// and then linearise them. For the exact sum of all splats, set `bounds: None, precision: F64, alpha_cut: 0,
+    /// stop: 0`.
     pub struct SplatRender {
         /// Key by which the splats of a pixel are sorted.
         sort: Sort = Sort::Depth, other("Distance");

@@ -54,7 +54,7 @@ impl Kind for WriteAnimation {
             "png" | "apng" => Ok(()),
             other => Err(NodeError::new(format!("cannot write an animation as `.{other}`"))
                 .at("path")
-                .hint("end the path in `.png` or `.apng`; for single frames use WriteImage with `{frame}`")),
+                .hint("end the path in `.png` or `.apng`; to write single frames, use `WriteImage` with `{frame}` in the path")),
         }
     }
 

@@ -85,7 +85,7 @@ impl Kind for WriteExr {
                     "the layer name `{name}` is empty, has characters that are not allowed, or is used twice"
                 ))
                 .at("names")
-                .hint("use letters, digits, `-` and `_`, and each name once"));
+                .hint("use only letters, digits, `-` and `_`, and use each name only once"));
             }
         }
         Ok(())
@@ -148,7 +148,7 @@ impl Kind for WriteExr {
                 let picture = images.view(&view.name).ok_or_else(|| {
                     let there: Vec<&str> = images.0.iter().map(|image| image.name.as_str()).collect();
                     let there = there.join(", ");
-                    other(format!("layer `{name}` has no view `{}`; it has {there}", view.name))
+                    other(format!("layer `{name}` has no view `{}`; its views are {there}", view.name))
                 })?;
                 let (w, h, _) = picture.size();
                 if (w, h) != (width, height) {
@@ -165,7 +165,7 @@ impl Kind for WriteExr {
                 exr::write_for(width, height, channels, &encodings.join(" "), recipe, progress)?;
             if clamped > 0 {
                 let what = format!(
-                    "samples of `{}` exceed 65504, the largest 16-bit float, and were clamped to it",
+                    "of the samples of `{}` exceeded 65504, the largest 16-bit float, and had to be clamped to it",
                     view.name
                 );
                 notes.count("half-overflow", clamped, what);
@@ -176,8 +176,8 @@ impl Kind for WriteExr {
     }
 }
 
-/// Name of each layer: from `names`, or the name of the output that the layer comes from. The layer of `image` has
-/// no name unless `names` gives one.
+/// Returns the name of each layer, which is given by `names` or is the name of the output that the layer comes
+/// from. The layer of `image` has no name unless `names` gives one.
 fn layer_names<'a>(
     p: &'a WriteExr,
     images: usize,
@@ -191,23 +191,25 @@ fn layer_names<'a>(
         }
         (1, 0, 0) => Ok(vec![""]),
         (1, 0, 1) => Ok(given()),
-        (_, 0, _) => Err(NodeError::new("`image` is a single layer and takes one name")
+        (_, 0, _) => Err(NodeError::new("`image` is a single layer, but `names` lists several names")
             .at("names")
-            .hint("wire several layers to `layers`")),
+            .hint("give one name, or wire several layers to `layers`")),
         (0, layers, names) if layers == names => Ok(given()),
         (0, layers, 0) if layers == outputs.len() => {
             match outputs.iter().enumerate().find(|(i, name)| outputs[..*i].contains(name)) {
                 Some((_, twice)) => {
-                    Err(NodeError::new(format!("two layers come from outputs called `{twice}`"))
+                    Err(NodeError::new(format!("two layers come from outputs with the name `{twice}`"))
                         .at("layers")
                         .hint("distinguish them with `names`"))
                 }
                 None => Ok(outputs.to_vec()),
             }
         }
-        (0, layers, names) => Err(NodeError::new(format!("there are {layers} layers, but {names} names"))
-            .at("names")
-            .hint("name every layer, in the order of the wires")),
+        (0, layers, names) => Err(NodeError::new(format!(
+            "`names` must list one name per layer (names: {names}, layers: {layers})"
+        ))
+        .at("names")
+        .hint("name every layer, in the order of the wires")),
         _ => Err(NodeError::new("`image` and `layers` cannot both be wired").at("layers")),
     }
 }
@@ -228,7 +230,7 @@ fn report_encodings(layers: &[(&str, &Images)], notes: &mut Notes) {
     let encoded = of(|picture| matches!(picture, Picture::Srgb(_)));
     let linear = of(|picture| matches!(picture, Picture::Linear(_)));
     if !encoded.is_empty() && !linear.is_empty() {
-        let text = format!("display-encoded layers ({encoded}) are mixed with linear ones ({linear})");
+        let text = format!("display-encoded layers ({encoded}) are mixed with linear layers ({linear})");
         notes.warning(
             "mixed-encodings",
             format!("{text}, and other programs treat all layers as linear; `encoding: Linear` decodes them"),
@@ -252,10 +254,8 @@ fn add_layer(
         (3, _) => &["R", "G", "B"],
         (4, _) => &["R", "G", "B", "A"],
         _ => {
-            return Err(NodeError::new(format!(
-                "layer `{name}` has {channels} channels; a layer needs 1 to 4"
-            ))
-            .at("layers"));
+            return Err(NodeError::new(format!("layer `{name}` needs 1 to 4 channels, but has {channels}"))
+                .at("layers"));
         }
     };
     let decodes = p.decodes(picture);
@@ -389,7 +389,7 @@ mod tests {
         assert_eq!(
             reported(WrittenEncoding::Keep, &all, layers()),
             [
-                "display-encoded layers (`B`) are mixed with linear ones (`R0`, `R1`), and other programs treat all \
+                "display-encoded layers (`B`) are mixed with linear layers (`R0`, `R1`), and other programs treat all \
               layers as linear; `encoding: Linear` decodes them"
             ]
         );
@@ -420,7 +420,7 @@ mod tests {
         };
         let rigs = In { image: None, layers: vec![pair("x", "y"), pair("x", "z")] };
         let Err(reported) = run(&node(&["a", "b"]), rigs) else { panic!("layers of different rigs") };
-        assert_eq!(reported.message(), "layer `b` has no view `y`; it has x, z");
+        assert_eq!(reported.message(), "layer `b` has no view `y`; its views are x, z");
         assert_eq!(reported.advice(), Some("all layers of a file must come from one rig"));
         for (p, inputs) in [
             (node(&[]), In { image: None, layers: vec![] }),

@@ -35,7 +35,7 @@ engine::params! {
         alpha: AlphaOutput = AlphaOutput::Drop, other("Straight");
         /// JPEG quality.
         quality: u32 = 92, range(1, 100), other("50"), inert("only JPEG has a quality");
-        /// Compression effort of a PNG; its pixels do not change.
+        /// Compression effort of a PNG. It does not affect the pixels.
         effort: Effort = Effort::Balanced, other("Fast");
         /// True to write the graph that made the picture into its metadata. The inputs of the graph are identified
         /// by content, not by path.

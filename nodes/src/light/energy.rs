@@ -4,10 +4,11 @@ use engine::Up;
 
 use crate::math::equirect::{axes, direction, pixel_solid_angle};
 
-/// Energy of an equirectangular picture, for comparison before and after a step.
+/// Energy of an equirectangular picture. The energies before and after a step show how much light the step adds or
+/// removes.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Energy {
-    /// Integral of luminance over the sphere.
+    /// Integral of the luminance over the sphere.
     pub power: f64,
     /// Irradiance on a plane that faces up.
     pub ground: f64,
@@ -16,7 +17,7 @@ pub struct Energy {
 }
 
 impl Energy {
-    /// Computes the energy from the luminance of every pixel, row by row.
+    /// Computes the energy of a picture. `luminance` holds the luminance of each pixel, row by row.
     pub fn of(up: Up, width: usize, luminance: &[f64]) -> Self {
         let (height, above) = (luminance.len() / width.max(1), axes(up)[2]);
         let mut energy = Self::default();

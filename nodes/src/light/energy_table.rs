@@ -16,19 +16,19 @@ const LISTED: usize = 32;
 /// A pixel with a luminance above this fraction of white belongs to a light.
 const BRIGHT: f64 = 0.95;
 
-/// A bright region, and the two angles from its centre within which light is attributed to it: fully up to the
-/// first angle, and with decreasing weight up to the second, since resampling spreads light.
+/// A bright region of the panorama. Light within the first of the two angles from its centre is attributed to it
+/// fully. From there to the second angle, the weight decreases, since resampling spreads light.
 struct Light {
     centre: DVec3,
     angles: [f64; 2],
 }
 
-/// Energy of each light after each recorded step.
+/// Energy of a panorama after each recorded step, in total and for each light.
 pub struct EnergyTable {
     up: Up,
     lights: Vec<Light>,
-    /// The recorded steps. For each: its name, the total energy, and, per light, the irradiance that a plane facing
-    /// the light receives from directions attributed to it.
+    /// The recorded steps. For each: its name, the total energy, and, for each light, the irradiance on a plane
+    /// that faces the light, from the directions attributed to that light.
     steps: Vec<(&'static str, Energy, Vec<f64>)>,
 }
 
@@ -71,14 +71,14 @@ fn find(up: Up, width: usize, luminance: &[f64], margin: f64) -> Vec<Light> {
 
 impl EnergyTable {
     /// Creates a table for the lights of a panorama, which are the regions with a luminance above 0.95. `luminance`
-    /// has the pixels row by row. Light around a region is attributed to it with a weight that falls to 0 over the
-    /// angle `margin` (radians, above 0).
+    /// holds the luminance of each pixel, row by row. Light around a region is attributed to it with a weight that
+    /// falls to 0 over the angle `margin` (radians, above 0).
     pub fn new(up: Up, width: usize, luminance: &[f64], margin: f64) -> Self {
         Self { up, lights: find(up, width, luminance, margin), steps: Vec::new() }
     }
 
-    /// Records a step whose light consists of `count` tiles. `tile` returns direction, solid angle and luminance of
-    /// each pixel of a tile.
+    /// Records a step whose result consists of `count` tiles. `tile(i)` returns the direction, solid angle and
+    /// luminance of each pixel of tile `i`.
     pub fn record<I: Iterator<Item = (DVec3, f64, f64)>>(
         &mut self,
         step: &'static str,
@@ -118,7 +118,7 @@ impl EnergyTable {
         Ok(())
     }
 
-    /// Records a step whose light is a panorama of this luminance, row by row.
+    /// Records a step whose result is a panorama. `luminance` holds the luminance of each pixel, row by row.
     pub fn record_panorama(
         &mut self,
         step: &'static str,
@@ -139,8 +139,8 @@ impl EnergyTable {
         })
     }
 
-    /// Two tables: the positions of the lights; and, after each step, the total energy and the energy of each
-    /// light.
+    /// Returns two tables. The first lists the positions of the lights. The second lists, for each step, the total
+    /// energy and the energy of each light after the step.
     pub fn tables(&self) -> [Table; 2] {
         let place = |light: &Light| {
             let (azimuth, elevation) = measure::angles_deg(self.up, light.centre);
@@ -153,20 +153,16 @@ impl EnergyTable {
             row(name.to_owned(), self.steps.iter().map(|(_, energy, _)| of(energy)).collect())
         };
         let mut rows = vec![
-            whole("power of the sphere (sr)", |energy| energy.power),
-            whole("irradiance of the ground", |energy| energy.ground),
+            whole("power over the whole sphere (sr)", |energy| energy.power),
+            whole("irradiance on a plane that faces up", |energy| energy.ground),
             whole("peak luminance", |energy| energy.peak),
         ];
         rows.extend((0..self.lights.len()).map(|i| {
             let values = self.steps.iter().map(|(.., facing)| facing[i]).collect();
             row(format!("irradiance from light {} on a plane that faces it", i + 1), values)
         }));
-        let names = std::iter::once("").chain(self.steps.iter().map(|(name, ..)| *name));
-        let places = [
-            "azimuth (deg, clockwise from forward)",
-            "elevation (deg)",
-            "counted up to this angle from the centre (deg)",
-        ];
+        let names = std::iter::once("quantity").chain(self.steps.iter().map(|(name, ..)| *name));
+        let places = ["azimuth (deg, clockwise from forward)", "elevation (deg)", "angular radius (deg)"];
         [
             Table::new("lights", places, self.lights.iter().map(place).collect()),
             Table::new("steps", names, rows),

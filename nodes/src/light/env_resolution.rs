@@ -15,13 +15,14 @@ use crate::math::equirect::pixel_solid_angle;
 use crate::math::num;
 use crate::types::{Environment, Material, Object, Placed};
 
-/// Number of texels across the reflection lobe of the smoothest material, at half of the lobe's maximum.
+/// Required number of texels across the reflection lobe of the smoothest material. The width of the lobe is
+/// measured at half of its maximum.
 const ACROSS_LOBE: f64 = 4.0;
-/// Number of texels across the smallest light.
+/// Required number of texels across the smallest light.
 const ACROSS_LIGHT: f64 = 8.0;
 /// Factor by which a texel must exceed the mean luminance to belong to a light.
 const BRIGHT: f64 = 16.0;
-/// Minimum fraction of the total power that a light must have to count.
+/// Minimum fraction of the total power that a light must have to affect the result.
 const SHARE: f64 = 0.05;
 /// Minimum number of columns.
 const LEAST: usize = 64;
@@ -38,8 +39,8 @@ pub(crate) struct EnvResolution {
 }
 
 impl EnvResolution {
-    /// Computes the resolution for some objects in an environment, at most `most` columns. The environment itself
-    /// may have fewer.
+    /// Computes the number of columns that `environment` needs to light `objects`, at most `most`. The result may
+    /// exceed the number of columns that the environment has.
     pub(crate) fn of(environment: &Environment, objects: &[Arc<Placed>], most: usize) -> Self {
         let materials = objects.iter().flat_map(|placed| {
             placed.object.materials_in_use().filter_map(|material| smoothest(&placed.object, material))
@@ -75,12 +76,12 @@ impl EnvResolution {
         notes.decision(
             "finer-than-needed",
             format!(
-                "{text}. A smaller panorama, made with `fit-probe` or `width_px`, gives a picture that looks the same in less time"
+                "{text}. With a smaller panorama (use `fit-probe`, or reduce `width_px`), the picture looks the same and is rendered faster"
             ),
         );
     }
 
-    /// Text that states the reason for the number of columns.
+    /// Text that states the reason for the required number of columns.
     pub(crate) fn why(&self) -> String {
         let surface = match self.roughness {
             Some(roughness) => format!("the smoothest surface of the objects has roughness {roughness:.2}"),
@@ -112,9 +113,9 @@ pub(crate) fn smoothest(object: &Object, material: &Material) -> Option<f64> {
     [base, coat].into_iter().flatten().filter(|_| !material.unlit).reduce(f64::min)
 }
 
-/// The width, in radians, of a disc with the solid angle of the smallest light that counts; `None` if there are no
-/// lights. The solid angle of a light is taken as `(int L)^2 / int L^2`, so that an aureole hardly increases the
-/// size of a sun.
+/// The width, in radians, of a disc with the solid angle of the smallest light with at least [`SHARE`] of the
+/// power; `None` if there are no lights. The solid angle of a light is taken as `(int L)^2 / int L^2`, so that an
+/// aureole hardly increases the size of a sun.
 fn smallest_light(environment: &Environment) -> Option<f64> {
     let image = &environment.image;
     let (width, height) = (image.width, image.height);

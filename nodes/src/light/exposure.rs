@@ -19,9 +19,10 @@ pub(crate) const WHITE: f32 = 0.9;
 pub(crate) const DARKEST: f64 = 1e-4;
 
 /// The factor that scales the light of a panorama to EV 0, as a photographer would meter it. With this factor, the
-/// median of the positive samples is 0.5 after raising to 1 / 2.4. A smaller factor is used if the brightest
-/// channel would otherwise exceed 1 in more than 15 % of the sphere. This is the rule of DiffusionLight's tone
-/// mapping (Phongthawee et al. 2024), with the bound of 15 % added. `None` for a black panorama.
+/// median of the positive samples is 0.5 after they are raised to the power 1 / 2.4. A smaller factor is used if
+/// the brightest channel would otherwise exceed 1 in more than 15 % of the sphere. This is the rule of
+/// DiffusionLight's tone mapping (Phongthawee et al. 2024), with the bound of 15 % added. `None` for a black
+/// panorama.
 pub fn ev0_scale(image: &Image<Linear>) -> Option<f64> {
     let mut positive: Vec<f32> = image.samples.iter().copied().filter(|v| *v > 0.0).collect();
     if positive.is_empty() {
@@ -66,7 +67,7 @@ impl Shown {
         Self { ev, rgb, clipped: max3(rgb) > WHITE }
     }
 
-    /// Luminance at EV 0.
+    /// Luminance of the pixel, scaled to an exposure of EV 0.
     pub(crate) fn light(&self) -> f64 {
         f64::from(luminance(self.rgb)) * num::f64::exp2(-self.ev)
     }
@@ -75,7 +76,7 @@ impl Shown {
 /// The hidden light of a pixel: log2 of the ratio of its true luminance to its luminance in the panorama. Ratios
 /// below 1 are raised to 1. The true luminance is taken from the first of `exposures` (sorted from brightest to
 /// darkest) in which the pixel is not clipped. If the pixel is clipped in all of them, the last is used, and the
-/// flag is true. `None` if there are no exposures.
+/// returned flag is true. `None` if there are no exposures.
 pub(crate) fn measured(own: [f32; 3], exposures: impl Iterator<Item = Shown>) -> Option<(f32, bool)> {
     let own = f64::from(luminance(own)).max(DARKEST);
     let mut last = None;

@@ -1,12 +1,12 @@
-//! Typical light level of a picture, for bounds relative to it.
+//! Typical light level of a picture. Thresholds are stated relative to this level.
 
-/// Samples darker than this fraction of the bright samples count as unlit, since they are rounding errors and
-/// noise.
+/// Samples below this fraction of the 90th percentile of the positive samples count as unlit, since they are
+/// rounding errors and noise.
 const DARKEST: f64 = 1e-6;
 
-/// The median of lit samples, 0 if there are none. A mean would be dominated by a sun. Lit samples are finite and
-/// have at least a millionth of the ninetieth percentile of positive samples, so that the black parts of a picture
-/// have no influence.
+/// Returns the median of the lit samples, or 0 if no sample is lit. A mean would be dominated by a sun. A sample is
+/// lit if it is finite and at least a millionth of the 90th percentile of the positive samples, so that the black
+/// parts of a picture have no influence.
 pub fn level(samples: impl Iterator<Item = f64>) -> f64 {
     let mut lit: Vec<f64> = samples.filter(|v| v.is_finite() && *v > 0.0).collect();
     if lit.is_empty() {

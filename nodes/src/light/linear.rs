@@ -1,4 +1,4 @@
-//! Linear light of a panorama of either encoding, with counts of its invalid samples.
+//! Conversion of a panorama to linear light, with counts of its invalid samples.
 
 use crate::math::color::linear_from_srgb;
 use crate::math::num;
@@ -34,12 +34,12 @@ pub struct LinearPixels {
     pub height: usize,
     /// Row by row.
     pub rgb: Vec<[f32; 3]>,
-    /// Number of samples that were NaN or infinite and count as 0.
+    /// Number of samples that were NaN or infinite. They are replaced with 0.
     pub broken: u64,
-    /// Number of samples below 0, which count as 0.
+    /// Number of samples below 0. They are replaced with 0.
     pub negative: u64,
-    /// True if samples may be clipped at white. This is true for display codes, which end at white, and for linear
-    /// light without any sample above white.
+    /// True if samples may be clipped at white. This is the case for display values, which end at white, and for
+    /// linear light without any sample above white.
     pub ceiling: bool,
 }
 

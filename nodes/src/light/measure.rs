@@ -36,12 +36,12 @@ struct Texel {
     direction: DVec3,
     solid_angle: f64,
     rgb: [f64; 3],
-    /// Column and row, counted in parts if texels are divided.
+    /// Column and row. If texels are split, the parts are counted.
     place: [usize; 2],
 }
 
-/// The number of columns and rows that each texel is split into, so that the environment has about `columns`
-/// columns in total.
+/// Number of parts into which each texel is split horizontally and vertically, so that the environment has about
+/// `columns` columns in total.
 fn cuts(env: &Environment, columns: usize) -> [usize; 2] {
     [columns / env.image.width, columns / 2 / env.image.height].map(|parts| parts.max(1))
 }
@@ -171,8 +171,8 @@ pub fn contrast(cells: &[Cell], light: DVec3, up: DVec3) -> Option<f64> {
     (rest > 0.0).then(|| near / rest)
 }
 
-/// (azimuth, elevation) of a direction in degrees: azimuth is 0 forward and grows to the right,
-/// clockwise seen from above.
+/// Azimuth and elevation of a direction, in degrees. The azimuth is 0 straight ahead and increases to the right,
+/// which is clockwise as seen from above.
 pub fn angles_deg(up: engine::Up, direction: DVec3) -> (f64, f64) {
     let (u, v) = crate::math::equirect::uv(up, direction);
     (360.0 * (u - 0.5), 90.0 - 180.0 * v)

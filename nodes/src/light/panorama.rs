@@ -10,7 +10,7 @@ use crate::math::{color, equirect};
 use crate::types::{Data, Image, Linear, Panorama, Picture, Srgb};
 
 engine::choices! {
-    /// Content of pixels without splats.
+    /// Content of pixels that show no splats.
     pub enum Holes {
         /// A smooth fill from the surroundings (push-pull over a pyramid; Gortler et al. 1996, section 3.4).
         PushPull,
@@ -19,8 +19,8 @@ engine::choices! {
     }
 }
 
-/// Maximum useful number of columns of a panorama, per pixel of the width of a cube-map view. More columns would
-/// not show more detail.
+/// Maximum useful ratio of the number of columns of a panorama to the width, in pixels, of the cube-map views from
+/// which it is made. More columns would not show more detail.
 pub(crate) const COLUMNS_A_PIXEL: u32 = 2;
 
 /// A panorama before its holes are filled.
@@ -37,7 +37,7 @@ pub(crate) struct Unfilled {
     pub origin: DVec3,
 }
 
-/// Fills the holes of a panorama and reports them in `notes`.
+/// Fills the holes of a panorama, encodes it if requested, and reports the holes in `notes`.
 pub(crate) fn finish(
     found: Unfilled,
     how: Holes,
@@ -55,7 +55,7 @@ pub(crate) fn finish(
         notes.degraded("nothing-seen", "no splat is visible in any direction: the panorama is empty");
     } else if open == alpha.len() {
         let text = format!(
-            "the largest alpha is {most:.2e}, below `hole_alpha` {hole_alpha}: all pixels count as holes"
+            "the largest alpha is {most:.2e}, which is below `hole_alpha` = {hole_alpha}, so all pixels count as holes"
         );
         notes.warning("little-seen", text);
     } else if open > 0 {
@@ -66,9 +66,12 @@ pub(crate) fn finish(
                 holes * equirect::pixel_solid_angle(width, height, y)
             })
             .sum();
-        let text = if how == Holes::PushPull { "filled from the surroundings" } else { "left black" };
+        let text = if how == Holes::PushPull { "filled from its surroundings" } else { "left black" };
         let percent = 100.0 * share / (4.0 * PI);
-        notes.decision("holes", format!("{percent:.2} % of the sphere was not seen; {text}"));
+        notes.decision(
+            "holes",
+            format!("{percent:.2} % of the sphere has an alpha below `hole_alpha` and was {text}"),
+        );
     }
     let mut linear = match how {
         Holes::PushPull => holes::fill(&premultiplied, width, hole_alpha, cx)?,

@@ -58,8 +58,8 @@ pub fn grow(mask: &[bool], width: usize, steps: usize) -> Vec<bool> {
     grown
 }
 
-/// The pixels of a region and those within `steps` pixels of it along rows and columns, in order: the result of
-/// [`grow`] for a small region, in time proportional to its size.
+/// Returns the pixels of a region, and those within `steps` pixels of it along rows and columns, in ascending
+/// order. This is the result of [`grow`], computed in time proportional to the size of the region.
 pub fn around(region: &[usize], (width, len): (usize, usize), steps: usize) -> BTreeSet<usize> {
     let mut found: BTreeSet<usize> = region.iter().copied().collect();
     let mut edge = region.to_vec();
@@ -73,7 +73,7 @@ pub fn around(region: &[usize], (width, len): (usize, usize), steps: usize) -> B
 /// Distance in pixels from each pixel of the mask to the nearest pixel outside it; 0 for pixels outside the mask.
 /// The poles do not count as an edge. Exact Euclidean distance by lower envelopes of parabolas (Felzenszwalb and
 /// Huttenlocher, Distance Transforms of Sampled Functions, 2012). Rows are extended by a quarter turn on both
-/// sides, so that distances across the left and right edges are found, up to this length.
+/// sides, so that distances across the left and right edges are found, up to a length of a quarter turn.
 pub fn distance_to_edge(mask: &[bool], width: usize) -> Vec<f32> {
     let height = mask.len() / width;
     let far = ((width + height) * (width + height) * 4) as f64;

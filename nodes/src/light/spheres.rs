@@ -19,7 +19,7 @@ pub enum Sphere {
     Mirror,
 }
 
-/// Difference between a sphere in one light and the same sphere in the reference.
+/// Difference between the render of a sphere in the compared light and its render in the reference light.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SphereError {
     /// Root-mean-square difference over pixels and channels, divided by the root-mean-square value of the
@@ -31,8 +31,8 @@ pub struct SphereError {
     pub angle_deg: f64,
 }
 
-/// Compares renders of a sphere in the compared light and in the reference. The camera is orthographic and looks
-/// along `forward`. `None` if the render in the reference is black.
+/// Renders a sphere in the compared light `found` and in the reference light `truth`, and compares both renders.
+/// The camera is orthographic and looks along `forward`. `None` if the render in the reference is black.
 pub fn sphere_error(
     sphere: Sphere,
     found: &[Cell],
@@ -77,7 +77,7 @@ pub fn sphere_error(
     }))
 }
 
-/// Radiance of a sphere at a point with this normal, seen along `forward`.
+/// Radiance that is seen along `forward` at the point of a sphere with this normal.
 fn shade(sphere: Sphere, cells: &[Cell], normal: DVec3, forward: DVec3) -> [f64; 3] {
     if sphere == Sphere::Diffuse {
         return irradiance(cells, normal).map(|e| e / std::f64::consts::PI);

@@ -11,8 +11,8 @@ use crate::io::picture::{FileEncoding, decode};
 use crate::io::progress::Progress;
 use crate::types::{Data, Image, Linear, Picture, Srgb};
 
-/// Reads the picture of a file, or a layer of it. A picture of a part of the sphere is placed according to its
-/// metadata and is transparent elsewhere. An aspect ratio other than 2:1 is reported.
+/// Reads the picture in a file, or one layer of this picture. A picture of a part of the sphere is placed according
+/// to its metadata and is transparent elsewhere. An aspect ratio other than 2:1 is reported.
 pub(crate) fn open(
     path: &InputFile,
     layer: &str,
@@ -62,13 +62,13 @@ fn tell(part: &GPano, notes: &mut Notes) {
     if part.tilt.iter().any(|degrees| degrees.abs() > 0.5) {
         let [pitch, roll] = part.tilt;
         let what = format!(
-            "according to its metadata (GPano), the picture is pitched by {pitch} and rolled by {roll} degrees; this is ignored, and its rows are treated as level"
+            "according to its metadata (GPano), the picture is pitched by {pitch} and rolled by {roll} degrees; this is ignored, and the rows of the picture are treated as level"
         );
         notes.warning("tilt-ignored", what);
     }
     if !part.projection.eq_ignore_ascii_case("equirectangular") {
         let what = format!(
-            "the metadata says that the projection is {} (GPano); it is treated as equirectangular",
+            "according to its metadata (GPano), the picture has the projection {}; it is treated as equirectangular",
             part.projection
         );
         notes.warning("projection-ignored", what);
@@ -105,8 +105,8 @@ pub(crate) fn light(name: &str, bytes: &[u8], notes: &mut Notes) -> Result<(usiz
     Ok((width, height, linear(name, picture)?))
 }
 
-/// Linear RGB of a picture that stores linear light. Colours stay premultiplied by alpha, which is left out. The
-/// result reuses the memory of a picture with three or four channels.
+/// Linear RGB of a picture that stores linear light. The colours stay premultiplied by alpha, but alpha itself is
+/// not returned. The result reuses the memory of a picture with three or four channels.
 pub(crate) fn linear(name: &str, picture: Picture) -> Result<Vec<f32>, Error> {
     let Picture::Linear(Image { width, height, channels, mut samples, .. }) = picture else {
         return Err(Error::format(
@@ -125,7 +125,9 @@ pub(crate) fn linear(name: &str, picture: Picture) -> Result<Vec<f32>, Error> {
             samples.shrink_to_fit();
             Ok(samples)
         }
-        _ => Err(Error::Mismatch(format!("the picture has {channels} channels; colour has 1 to 4"))),
+        _ => {
+            Err(Error::Mismatch(format!("the picture has {channels} channels; a colour picture has 1 to 4")))
+        }
     }
 }
 
@@ -141,7 +143,7 @@ pub(crate) fn premultiplied(picture: &Picture, notes: &mut Notes) -> Result<Vec<
             [r, g, b, a] => ([r, g, b], a),
             _ => {
                 return Err(Error::Mismatch(format!(
-                    "the picture has {channels} channels; colour has 1 to 4"
+                    "the picture has {channels} channels; a colour picture has 1 to 4"
                 )));
             }
         };
@@ -149,7 +151,7 @@ pub(crate) fn premultiplied(picture: &Picture, notes: &mut Notes) -> Result<Vec<
         pixels.push([r, g, b, a.clamp(0.0, 1.0)]);
     }
     let negative = picture.samples().iter().filter(|v| **v < 0.0).count() as u64;
-    notes.count("below-zero", negative, "samples lie below 0 and were set to 0");
+    notes.count("below-zero", negative, "of the samples had a value below 0, which was replaced with 0");
     Ok(pixels)
 }
 
@@ -164,8 +166,8 @@ pub(crate) fn straight(pixels: Vec<[f32; 4]>) -> (Vec<f32>, Vec<f32>) {
 /// Number of rows that one job rotates.
 const ROWS: usize = 32;
 
-/// Rotates a panorama of pixels with `N` samples by shifting every row to the left. Light in front moves to the
-/// left.
+/// Rotates a panorama by `degrees`, by shifting every row to the left, so that light in front moves to the left.
+/// Each pixel has `N` samples.
 pub(crate) fn turn<const N: usize>(
     pixels: &[[f32; N]],
     width: usize,
@@ -234,7 +236,7 @@ mod tests {
         }
     }
 
-    /// Grey pictures and pictures with colours, both with and without alpha, give RGB.
+    /// Grey and colour pictures, with and without alpha, give RGB.
     #[test]
     fn light_is_rgb_whatever_channels_the_picture_has() {
         let of = |channels: usize| {

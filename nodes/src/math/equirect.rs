@@ -1,7 +1,7 @@
 //! The equirectangular layout: the direction of each point of a panorama.
 //!
-//! Row 0 is up, the centre column looks forward (up +z: +Y; up +y: -Z; up -y: +Z), u grows to the right of forward,
-//! clockwise seen from above, and pixel centres lie at (i + 0.5) / N.
+//! Row 0 is up. The centre column looks forward, which is +Y if up is +z, -Z if up is +y, and +Z if up is -y. u
+//! increases to the right of forward, clockwise as seen from above. Pixel centres lie at (i + 0.5) / N.
 
 use std::f64::consts::PI;
 
@@ -10,7 +10,7 @@ use glam::{DMat3, DVec3};
 
 use super::num;
 
-/// Right, forward and up of a world, as unit vectors in world coordinates.
+/// The right, forward and up directions of a world, as unit vectors in world coordinates.
 pub fn axes(up: Up) -> [DVec3; 3] {
     match up {
         Up::PlusZ => [DVec3::X, DVec3::Y, DVec3::Z],

@@ -55,8 +55,9 @@ pub fn ordered_sum(values: impl IntoIterator<Item = core::primitive::f32>) -> co
     values.into_iter().fold(0.0, |sum, v| sum + core::primitive::f64::from(v))
 }
 
-/// True if subnormal numbers are kept. A library that was loaded may have set the processor to flush them to 0, as
-/// `-ffast-math` does, for this thread and the threads that it starts.
+/// True if the current thread keeps subnormal numbers. A library that was compiled with `-ffast-math` may have set
+/// the processor to replace them with 0 when it was loaded. Threads inherit this setting from the thread that
+/// starts them.
 pub fn keeps_subnormals() -> bool {
     std::hint::black_box(core::primitive::f32::MIN_POSITIVE) * std::hint::black_box(0.5) > 0.0
 }

@@ -1,4 +1,4 @@
-//! Renderers that kinds share: Gaussian splats, light transport, and the search for places where an object
+//! Renderers that several kinds use: Gaussian splats, light transport, and the search for places where an object
 //! may stand.
 
 pub mod agreement;

@@ -9,13 +9,13 @@ use glam::DVec3;
 use super::image::{Image, Images, Linear, Picture, samples_difference};
 use super::panorama::{decode_point, decode_up, encode_point, encode_up};
 
-/// Linear picture that an environment can share with an output of type `image`, so that a large panorama is in
+/// A linear picture that an environment shares with an output of type `image`, so that a large panorama is in
 /// memory only once.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Light(Arc<Images>);
 
 impl Light {
-    /// The picture as a set of one picture, named `env`.
+    /// A set that contains only this picture, named `env`.
     pub fn pictures(&self) -> Arc<Images> {
         self.0.clone()
     }
@@ -57,7 +57,7 @@ impl DerefMut for Light {
 /// as a [`Panorama`](super::Panorama).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Environment {
-    /// Radiance; white at EV 0 is 1.
+    /// Radiance, in units in which white at EV 0 is 1.
     pub image: Light,
     /// The axis of the world that points up; determines the direction of every texel.
     pub up: Up,
@@ -93,7 +93,7 @@ impl Artifact for Environment {
 
     fn difference(&self, other: &Self) -> Difference {
         if self.up != other.up || self.origin != other.origin {
-            return Difference::of("captured at another point");
+            return Difference::of("the up axes or the points of capture differ");
         }
         let size = |image: &Image<Linear>| (image.width, image.height, image.channels);
         samples_difference(

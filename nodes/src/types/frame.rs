@@ -1,4 +1,4 @@
-//! Frames of reference of files, and transforms between frames.
+//! Similarity transforms of captures, and the transform from the frame of glTF to the world.
 
 use engine::{NodeError, Up};
 use glam::{DMat3, DMat4, DVec3, DVec4};
@@ -18,9 +18,9 @@ impl Similarity {
     /// The transform that changes nothing.
     pub const IDENTITY: Self = Self { rotation: DMat3::IDENTITY, scale: 1.0, offset: DVec3::ZERO };
 
-    /// Converts a matrix of 16 numbers, row by row. Returns an error at the field `matrix` if it is not a
-    /// similarity, that is, if it mirrors, or scales unevenly or shears by more than the rounding of numbers in a
-    /// text can cause.
+    /// Converts a 4x4 matrix, given row by row. Returns an error at the field `matrix` if the matrix contains a
+    /// reflection, a shear or a non-uniform scale. The tolerance allows for matrices that were rounded to six
+    /// digits.
     pub fn of_rows(rows: &[f64; 16]) -> Result<Self, NodeError> {
         let m = DMat4::from_cols_array(rows).transpose();
         let (linear, offset) = (DMat3::from_mat4(m), m.w_axis.truncate());
@@ -39,7 +39,7 @@ impl Similarity {
             return error("the determinant of `matrix` must be finite, and not 0");
         }
         if determinant < 0.0 {
-            return error("`matrix` mirrors");
+            return error("`matrix` contains a reflection");
         }
         let scale = linear.x_axis.length();
         let axes = linear * (1.0 / scale);
@@ -48,13 +48,13 @@ impl Similarity {
         let near = |a: f64, b: f64| (a - b).abs() < 1e-5;
         let right = near(x.dot(y), 0.0) && near(y.dot(z), 0.0) && near(z.dot(x), 0.0);
         if !(right && near(y.length(), 1.0) && near(z.length(), 1.0)) {
-            return error("`matrix` scales unevenly or shears");
+            return error("`matrix` contains a non-uniform scale or a shear");
         }
         let y = (y - x * x.dot(y)).normalize();
         Ok(Self { rotation: DMat3::from_cols(x, y, x.cross(y)), scale, offset })
     }
 
-    /// Converts an optional matrix; `None` gives the identity.
+    /// Converts an optional matrix with [`Self::of_rows`]. `None` gives the identity.
     pub fn of_parameter(rows: Option<&[f64; 16]>) -> Result<Self, NodeError> {
         rows.map_or(Ok(Self::IDENTITY), Self::of_rows)
     }
@@ -94,7 +94,8 @@ impl Similarity {
     }
 }
 
-/// The transform from glTF's frame (y up, metres) to a frame with the axes and units of the world.
+/// The transform from the frame of glTF (y up, in metres) to a world whose up axis is `up` and whose unit is
+/// `metres_per_unit` metres long.
 pub fn world_from_gltf(up: Up, metres_per_unit: f64) -> DMat4 {
     let s = 1.0 / metres_per_unit;
     let [x, y, z] = match up {

@@ -4,19 +4,19 @@ use std::marker::PhantomData;
 
 use engine::{Artifact, Corrupt, Decoder, Difference, Encoder};
 
-/// Meaning of the numbers of an image.
+/// Encoding of the samples of an image.
 pub trait Encoding: Copy + std::fmt::Debug + PartialEq + Send + Sync + 'static {
-    /// Name in files and reports.
+    /// Name of the encoding in files and reports.
     const NAME: &'static str;
 }
 
 /// Scene-referred linear light, Rec.709 primaries, 1 = white at EV 0. May exceed 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Linear;
-/// Display encoding with the sRGB curve, Rec.709 primaries. Values may exceed 1, which happens in splat scenes.
+/// Display encoding with the sRGB curve, Rec.709 primaries. Values may exceed 1, as they do in some splat scenes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Srgb;
-/// Data that are not colours: depth, normal, variance, mask.
+/// Data other than colours, such as depth, normals, variance and masks.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Data;
 
@@ -34,11 +34,11 @@ impl Encoding for Data {
 /// channels (RGB) or 4 (RGB premultiplied by alpha, alpha); `Image<Data>` may have any number.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Image<E> {
-    /// Columns, in pixels.
+    /// Width, in pixels.
     pub width: usize,
-    /// Rows, in pixels.
+    /// Height, in pixels.
     pub height: usize,
-    /// Samples per pixel.
+    /// Number of samples per pixel.
     pub channels: usize,
     /// `width * height * channels` samples, row by row.
     pub samples: Vec<f32>,
@@ -51,7 +51,7 @@ impl<E: Encoding> Image<E> {
         Self::from_samples(width, height, channels, vec![0.0; width * height * channels])
     }
 
-    /// An image of the given samples, whose number must match the size.
+    /// An image with the given samples, row by row. There must be `width * height * channels` of them.
     pub fn from_samples(width: usize, height: usize, channels: usize, samples: Vec<f32>) -> Self {
         assert_eq!(
             samples.len(),
@@ -106,7 +106,7 @@ pub enum Picture {
     Linear(Image<Linear>),
     /// Display-encoded.
     Srgb(Image<Srgb>),
-    /// Data that are not colours.
+    /// Data other than colours.
     Data(Image<Data>),
 }
 
@@ -157,7 +157,7 @@ impl From<Image<Data>> for Picture {
     }
 }
 
-/// A picture of a set, with its name.
+/// A picture in a set, with its name.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NamedImage {
     /// Name of the view, as in the rig; replaces `{view}` in paths.
@@ -185,7 +185,8 @@ impl Images {
         image.encode(to);
     }
 
-    /// Returns the picture of a view: the picture with this name, or the only picture of the set.
+    /// Returns the picture of the view `name`. If no picture has this name and the set contains only one picture,
+    /// that picture is returned. `None` if neither applies.
     pub fn view(&self, name: &str) -> Option<&Picture> {
         let named = self.0.iter().find(|image| image.name == name);
         named.or(if self.0.len() == 1 { self.0.first() } else { None }).map(|image| &image.picture)
@@ -214,7 +215,7 @@ impl Artifact for Images {
                 Linear::NAME => Image::<Linear>::decode(from)?.into(),
                 Srgb::NAME => Image::<Srgb>::decode(from)?.into(),
                 Data::NAME => Image::<Data>::decode(from)?.into(),
-                other => return Err(Corrupt(format!("`{other}` is not an encoding"))),
+                other => return Err(Corrupt(format!("the encoding `{other}` is unknown"))),
             };
             images.push(NamedImage { name, picture });
         }
@@ -227,12 +228,16 @@ impl Artifact for Images {
 
     fn difference(&self, other: &Self) -> Difference {
         if self.0.len() != other.0.len() {
-            return Difference::of(format!("{} views compared with {}", self.0.len(), other.0.len()));
+            return Difference::of(format!(
+                "the numbers of views differ: {} and {}",
+                self.0.len(),
+                other.0.len()
+            ));
         }
         for (a, b) in self.0.iter().zip(&other.0) {
             if a.name != b.name || a.picture.encoding() != b.picture.encoding() {
                 return Difference::of(format!(
-                    "view {} ({}) and {} ({})",
+                    "views {} ({}) and {} ({})",
                     a.name,
                     a.picture.encoding(),
                     b.name,
@@ -254,7 +259,7 @@ impl Artifact for Images {
     }
 }
 
-/// The difference between two rasters of samples: the PSNR in decibels, for a peak of 1, and the largest deviation
+/// The difference between two arrays of samples: the PSNR in decibels, for a peak of 1, and the largest deviation
 /// with its position.
 pub(crate) fn samples_difference(
     name: &str,
@@ -265,7 +270,7 @@ pub(crate) fn samples_difference(
 ) -> Difference {
     if size != other_size {
         return Difference::of(format!(
-            "{name}: {}x{}x{} samples compared with {}x{}x{}",
+            "{name}: the sizes differ, {}x{}x{} and {}x{}x{} samples",
             size.0, size.1, size.2, other_size.0, other_size.1, other_size.2
         ));
     }
@@ -287,7 +292,7 @@ pub(crate) fn samples_difference(
     let psnr = -10.0 * libm::log10(squares / a.len() as f64);
     let pixel = at / size.2.max(1);
     Difference::of(format!(
-        "{name}: PSNR {psnr:.2} dB, {unequal} samples differ, largest {largest:.4} at ({}, {})",
+        "{name}: PSNR {psnr:.2} dB, {unequal} samples differ, largest difference {largest:.4} at ({}, {})",
         pixel % size.0.max(1),
         pixel / size.0.max(1)
     ))

@@ -1,4 +1,5 @@
-//! Layers of one picture: matching of views, and conversion to linear light.
+//! Functions for combining pictures: finding the picture of a view in a set, and converting pictures to linear
+//! light.
 
 use std::borrow::Cow;
 
@@ -18,15 +19,18 @@ pub fn matching<'a>(
 ) -> Result<&'a Picture, NodeError> {
     let Some(picture) = images.view(name) else {
         let there: Vec<&str> = images.0.iter().map(|image| image.name.as_str()).collect();
-        let what = format!("`{port}` has no view `{name}`; it has {}", there.join(", "));
-        return Err(NodeError::from(Error::Mismatch(what)).at(port).hint("render every layer with one rig"));
+        let what = format!("`{port}` has no view `{name}`; its views are {}", there.join(", "));
+        return Err(NodeError::from(Error::Mismatch(what))
+            .at(port)
+            .hint("render all layers with the same rig"));
     };
     let (width, height, _) = picture.size();
     if (width, height) != size {
         let [w, h] = [size.0, size.1];
-        let what =
-            format!("`{port}` is {width}x{height}, but the view `{name}` that it belongs to is {w}x{h}");
-        return Err(NodeError::from(Error::Mismatch(what)).at(port).hint("render every layer with one rig"));
+        let what = format!("`{port}` has {width}x{height} pixels, but the view `{name}` has {w}x{h}");
+        return Err(NodeError::from(Error::Mismatch(what))
+            .at(port)
+            .hint("render all layers with the same rig"));
     }
     Ok(picture)
 }
@@ -58,7 +62,7 @@ pub fn linear<'a>(picture: &'a Picture, port: &'static str) -> Result<Cow<'a, Im
     let channels = picture.size().2;
     if !(3..=4).contains(&channels) || matches!(picture, Picture::Data(_)) {
         let what = format!(
-            "`{port}` needs a colour picture, but its encoding is `{}` (channels: {channels})",
+            "`{port}` needs a colour picture, but has the encoding `{}` (channels: {channels})",
             picture.encoding()
         );
         return Err(NodeError::from(Error::Mismatch(what)).at(port));

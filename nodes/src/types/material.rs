@@ -1,8 +1,8 @@
-//! Materials of objects: metallic-roughness of glTF, and the layers of its extensions.
+//! Materials of objects: the metallic-roughness model of glTF, and the layers that its extensions add.
 
 use engine::{Corrupt, Decoder, Encoder};
 
-/// Continuation of a texture beyond its edge.
+/// Continuation of a texture outside the range of its coordinates from 0 to 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Wrap {
     /// The texture is repeated.
@@ -13,7 +13,7 @@ pub enum Wrap {
     Clamp,
 }
 
-/// Filtering of a texture.
+/// Wrapping and filtering of a texture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Sampler {
     /// Wrapping along u.
@@ -28,9 +28,9 @@ pub struct Sampler {
 /// are sRGB-encoded, other data are linear.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Texture {
-    /// Columns.
+    /// Width, in texels.
     pub width: u32,
-    /// Rows.
+    /// Height, in texels.
     pub height: u32,
     /// Four bytes per texel, row by row.
     pub rgba: Vec<u8>,
@@ -39,7 +39,7 @@ pub struct Texture {
 /// KHR_texture_transform: uv' = translation * rotation * scale * uv.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TextureTransform {
-    /// Offset, in units of the texture.
+    /// Translation of the coordinates. 1 is the full width or height of the texture.
     pub offset: [f32; 2],
     /// Rotation in radians, counter-clockwise.
     pub rotation: f32,
@@ -47,16 +47,16 @@ pub struct TextureTransform {
     pub scale: [f32; 2],
 }
 
-/// A use of a texture.
+/// A reference to a texture, with the way in which it is sampled.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TextureRef {
     /// Index into [`Object::textures`](super::Object::textures).
     pub texture: u32,
-    /// Set of texture coordinates, 0 or 1.
+    /// Index of the set of texture coordinates, 0 or 1.
     pub uv_set: u32,
-    /// Wrapping and filtering.
+    /// Wrapping and filtering of the texture.
     pub sampler: Sampler,
-    /// Transform of the coordinates.
+    /// Transform of the texture coordinates.
     pub transform: Option<TextureTransform>,
 }
 
@@ -65,7 +65,7 @@ pub struct TextureRef {
 pub struct Map {
     /// The number.
     pub factor: f32,
-    /// The texture, linear.
+    /// The texture, which holds linear values.
     pub texture: Option<TextureRef>,
 }
 
@@ -81,7 +81,7 @@ impl Map {
 pub struct ColourMap {
     /// The colour, linear.
     pub factor: [f32; 3],
-    /// The texture, sRGB.
+    /// The texture, which holds sRGB-encoded colours.
     pub texture: Option<TextureRef>,
 }
 
@@ -95,7 +95,7 @@ impl ColourMap {
 /// A tangent-space normal map.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NormalMap {
-    /// The texture, linear.
+    /// The texture, which holds linear values.
     pub texture: TextureRef,
     /// Factor by which the x and y components are multiplied.
     pub scale: f32,
@@ -106,18 +106,18 @@ pub struct NormalMap {
 pub enum AlphaMode {
     /// Alpha has no effect.
     Opaque,
-    /// Removes texels with an alpha below the cut-off.
+    /// Texels with an alpha below this value are removed, and all other texels are opaque.
     Mask(f32),
-    /// Transparency in proportion to 1 - alpha.
+    /// The surface is transparent in proportion to 1 - alpha.
     Blend,
 }
 
 /// KHR_materials_clearcoat: a clear layer with an index of refraction of 1.5, on top of all other layers.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Clearcoat {
-    /// Strength, 0 to 1; red channel of the texture.
+    /// Strength, 0 to 1, in the red channel of the texture.
     pub strength: Map,
-    /// Perceptual roughness, 0 to 1; green channel.
+    /// Perceptual roughness, 0 to 1, in the green channel of the texture.
     pub roughness: Map,
     /// Normal map of the layer, independent of the normal map of the layers below.
     pub normal: Option<NormalMap>,
@@ -128,34 +128,35 @@ pub struct Clearcoat {
 pub struct Sheen {
     /// Reflectance of the fibres; black if there is no sheen.
     pub colour: ColourMap,
-    /// Perceptual roughness, 0 to 1; alpha channel.
+    /// Perceptual roughness, 0 to 1, in the alpha channel of the texture.
     pub roughness: Map,
 }
 
 /// KHR_materials_specular: the reflectance of the dielectric.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Specular {
-    /// Factor of the reflectance, 0 to 1; alpha channel.
+    /// Factor that multiplies the reflectance, 0 to 1, in the alpha channel of the texture.
     pub strength: Map,
-    /// Tints the reflectance at normal incidence; may exceed 1.
+    /// Colour that multiplies the reflectance at normal incidence. It may exceed 1.
     pub colour: ColourMap,
 }
 
 /// KHR_materials_anisotropy: reflections that are stretched in one direction, as on brushed metal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Anisotropy {
-    /// Strength, 0 to 1; blue channel.
+    /// Strength, 0 to 1, multiplied by the blue channel of `texture`.
     pub strength: f32,
-    /// Direction of the brush in radians, counter-clockwise from the tangent.
+    /// Direction in which the surface is brushed, in radians, counter-clockwise from the tangent.
     pub rotation: f32,
-    /// Texture with the direction in red and green as -1 to 1, and the strength in blue.
+    /// Texture that holds the direction in its red and green channels, as components from -1 to 1, and the strength
+    /// in its blue channel.
     pub texture: Option<TextureRef>,
 }
 
 /// KHR_materials_iridescence: a thin film on the surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Iridescence {
-    /// Strength, 0 to 1; red channel.
+    /// Strength, 0 to 1, in the red channel of the texture.
     pub strength: Map,
     /// Index of refraction of the film.
     pub ior: f32,
@@ -170,7 +171,7 @@ pub struct Iridescence {
 /// cloth.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DiffuseTransmission {
-    /// Fraction of the diffuse light that leaves on the other side, 0 to 1; alpha channel.
+    /// Fraction of the diffuse light that leaves on the other side, 0 to 1, in the alpha channel of the texture.
     pub strength: Map,
     /// Colour of the light that leaves on the other side.
     pub colour: ColourMap,
@@ -179,7 +180,7 @@ pub struct DiffuseTransmission {
 /// A glTF metallic-roughness material. Factors multiply textures; colours are linear.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Material {
-    /// Name in the file.
+    /// Name of the material in the file.
     pub name: String,
     /// Linear base colour and alpha.
     pub base_colour: [f32; 4],
@@ -189,7 +190,7 @@ pub struct Material {
     pub metallic: f32,
     /// Perceptual roughness, 0 to 1.
     pub roughness: f32,
-    /// Linear texture: green roughness, blue metallic.
+    /// Linear texture with the roughness in its green channel and the metalness in its blue channel.
     pub metallic_roughness_texture: Option<TextureRef>,
     /// Normal map.
     pub normal: Option<NormalMap>,
@@ -203,17 +204,17 @@ pub struct Material {
     pub double_sided: bool,
     /// KHR_materials_unlit: emits its base colour and reflects nothing.
     pub unlit: bool,
-    /// KHR_materials_ior: index of refraction, 1.5 by default; 1 for no interface.
+    /// KHR_materials_ior: index of refraction, 1.5 by default. With 1, light is neither refracted nor reflected.
     pub ior: f32,
     /// KHR_materials_transmission: fraction of the light entering the surface that is transmitted and not
-    /// scattered, 0 to 1; red channel.
+    /// scattered, 0 to 1, in the red channel of the texture.
     pub transmission: Map,
-    /// KHR_materials_volume: the surface bounds a medium that refracts light and absorbs it with these coefficients
-    /// per metre. `None` for a thin wall.
+    /// KHR_materials_volume: absorption coefficients, per metre, of a medium that the surface bounds and that
+    /// refracts light. `None` for a thin wall.
     pub volume: Option<[f32; 3]>,
     /// Reflectance of the dielectric.
     pub specular: Specular,
-    /// Clear layer on top.
+    /// Clear coat on top of all other layers.
     pub clearcoat: Clearcoat,
     /// Layer of fibres.
     pub sheen: Sheen,
@@ -221,7 +222,7 @@ pub struct Material {
     pub anisotropy: Anisotropy,
     /// Thin film on the surface.
     pub iridescence: Iridescence,
-    /// Diffuse light that passes through.
+    /// Diffuse light that passes through the surface.
     pub diffuse_transmission: DiffuseTransmission,
 }
 
@@ -260,8 +261,8 @@ impl Default for Material {
 }
 
 impl Material {
-    /// The set of texture coordinates that tangents are generated from; `None` for a material with neither a normal
-    /// map nor anisotropy, which needs no tangents.
+    /// Index of the set of texture coordinates from which tangents are generated. `None` for a material with
+    /// neither a normal map nor anisotropy, which needs no tangents.
     pub fn tangent_set(&self) -> Option<u32> {
         let bumps = self.normal.or(self.clearcoat.normal).map(|map| map.texture.uv_set);
         let brush = (self.anisotropy.strength > 0.0).then(|| self.anisotropy.texture.map_or(0, |t| t.uv_set));
@@ -280,7 +281,7 @@ impl Material {
         self.clone().walk(&mut Write(to)).ok();
     }
 
-    /// Reads a material that [`encode`](Self::encode) wrote, for an object with this number of textures.
+    /// Reads a material that [`encode`](Self::encode) wrote, for an object with `textures` textures.
     pub(super) fn decode(from: &mut Decoder<'_>, textures: usize) -> Result<Self, Corrupt> {
         let mut material = Self { name: from.str()?, ..Self::default() };
         material.walk(&mut Read { from, textures })?;
@@ -334,7 +335,7 @@ impl Material {
     }
 }
 
-/// Visitor of the fields of a material, with a method for each type.
+/// Visitor of the fields of a material, with one method for each type of field.
 trait Fields: Sized {
     fn numbers(&mut self, v: &mut [f32]) -> Result<(), Corrupt>;
     fn tag(&mut self, v: &mut u8, largest: u8) -> Result<(), Corrupt>;
@@ -404,7 +405,7 @@ trait Fields: Sized {
     }
 }
 
-/// Initial value of a reference, which a decoder overwrites.
+/// Placeholder for a reference to a texture, which the decoder overwrites.
 const NOTHING: TextureRef = TextureRef {
     texture: 0,
     uv_set: 0,

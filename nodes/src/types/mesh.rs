@@ -1,4 +1,4 @@
-//! Receiver meshes.
+//! Meshes of the captured scene, which receive the shadows of objects.
 
 use engine::{Artifact, Corrupt, Decoder, Difference, Encoder};
 use glam::DVec3;
@@ -66,7 +66,7 @@ impl Artifact for Mesh {
             return Difference::none();
         }
         Difference::of(format!(
-            "{} vertices and {} triangles compared with {} and {}",
+            "the meshes differ: {} vertices and {} triangles, and {} vertices and {} triangles",
             self.positions.len(),
             self.triangles.len(),
             other.positions.len(),

@@ -1,4 +1,4 @@
-//! Types of the values that travel along wires.
+//! Types of the values that nodes pass to each other.
 
 mod environment;
 pub mod frame;

@@ -42,7 +42,7 @@ pub struct Object {
     pub textures: Vec<Texture>,
 }
 
-/// An object with its position in the world. Port type `placed`.
+/// An object and its placement in the world. Port type `placed`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Placed {
     /// The object.
@@ -138,7 +138,7 @@ impl Artifact for Object {
         Difference::of(if count == others {
             format!("both have {count} triangles, but their data differ")
         } else {
-            format!("{count} triangles compared with {others}")
+            format!("the numbers of triangles differ: {count} and {others}")
         })
     }
 }

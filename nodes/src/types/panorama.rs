@@ -27,7 +27,7 @@ pub struct Panorama {
 /// Source of the exposures of [`Brackets`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Taken {
-    /// Derived from the gain map: sRGB, clipped to 1.
+    /// Derived from the gain map. They are sRGB-encoded and clipped to 1.
     Derived,
     /// Photographs in display colours, clipped to 1, encoded with the same transfer curve as the panorama.
     Display,
@@ -35,7 +35,7 @@ pub enum Taken {
     Linear,
 }
 
-/// The light that is hidden in the clipped pixels of a panorama, and exposures that show it.
+/// The light that clipping hides in a panorama, and exposures that show this light.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Brackets {
     /// log2 of (true luminance / clipped luminance), 0 where nothing is clipped; one channel, of the
@@ -124,7 +124,7 @@ impl Artifact for Panorama {
 
     fn difference(&self, other: &Self) -> Difference {
         if self.up != other.up || self.origin != other.origin {
-            let from = |pano: &Self| pano.origin.map_or("an unknown place".to_owned(), |p| p.to_string());
+            let from = |pano: &Self| pano.origin.map_or("an unknown point".to_owned(), |p| p.to_string());
             return Difference::of(format!(
                 "one was captured at {}, the other at {}",
                 from(self),

@@ -22,17 +22,19 @@ impl<'de> Deserialize<'de> for Pick {
         impl serde::de::Visitor<'_> for Either {
             type Value = Pick;
             fn expecting(&self, to: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-                to.write_str("text or an index from 0")
+                to.write_str("text or the index of a camera")
             }
             fn visit_str<E: serde::de::Error>(self, text: &str) -> Result<Pick, E> {
                 Ok(Pick(text.to_owned()))
             }
             fn visit_u64<E: serde::de::Error>(self, index: u64) -> Result<Pick, E> {
-                let end = index.checked_add(1).ok_or_else(|| E::custom("no file has that many cameras"))?;
+                let end =
+                    index.checked_add(1).ok_or_else(|| E::custom("the index of the camera is too large"))?;
                 Ok(Pick(format!("{index}..{end}")))
             }
             fn visit_i64<E: serde::de::Error>(self, index: i64) -> Result<Pick, E> {
-                let index = u64::try_from(index).map_err(|_| E::custom("an index is at least 0"))?;
+                let index = u64::try_from(index)
+                    .map_err(|_| E::custom("the index of a camera must be at least 0"))?;
                 self.visit_u64(index)
             }
         }
@@ -69,7 +71,7 @@ pub(crate) fn count_of(wishes: &[Pick]) -> Option<usize> {
     (!wishes.is_empty() && indices.len() == wishes.len()).then_some(wishes.len())
 }
 
-/// Indices of the chosen cameras, each once, in the order of the patterns.
+/// Returns the indices of the cameras that `wishes` choose, in the order of the patterns. Each index occurs once.
 pub(crate) fn chosen(wishes: &[Pick], names: &[String], pictures: &[&str]) -> Result<Vec<usize>, NodeError> {
     if wishes.is_empty() {
         return Ok((0..names.len()).collect());
@@ -88,14 +90,14 @@ pub(crate) fn chosen(wishes: &[Pick], names: &[String], pictures: &[&str]) -> Re
         if found.is_empty() {
             let some = names.iter().take(5).map(String::as_str).collect::<Vec<_>>().join(", ");
             return Err(NodeError::new(format!("`{wish}` picks none of the {} cameras", names.len()))
-                .hint(format!("the first cameras are {some}")));
+                .hint(format!("the names of the first cameras are {some}")));
         }
         chosen.extend(found.into_iter().filter(|index| !std::mem::replace(&mut taken[*index], true)));
     }
     Ok(chosen)
 }
 
-/// Parses a range such as `2..5`, `2..` or `0..400..8` to (start, end, step).
+/// Parses a range such as `2..5`, `2..` or `0..400..8` to (start, end, step). `None` if the text is not a range.
 fn range(wish: &str) -> Option<(usize, usize, usize)> {
     let parts: Vec<&str> = wish.split("..").collect();
     let (start, end, step) = match parts[..] {

@@ -1,12 +1,12 @@
-//! Poses: positions of objects.
+//! Poses of objects.
 
 use engine::{Artifact, Corrupt, Decoder, Difference, Encoder};
 use glam::{DMat4, DVec3};
 
 use super::rig::exactly;
 
-/// The pose of an object: an affine transform from a local frame to the world. The axes of the local frame are
-/// those of the world (up is up), and its origin is the object's foot.
+/// The pose of an object: an affine transform from a local frame to the world. The local frame has its origin at
+/// the foot of the object, and its axes are parallel to the axes of the world.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Pose {
     /// Transform from the local frame to the world, in world units.

@@ -9,11 +9,11 @@ use serde::Serialize;
 pub enum Cell {
     /// Text.
     Text(String),
-    /// A count.
+    /// A whole number, such as a count.
     Count(u64),
-    /// A measurement, finite; unit and meaning are in the heading of the column.
+    /// A finite measurement. The heading of the column gives its meaning and unit.
     Number(f64),
-    /// A value that was not computed; printed as such, never as 0.
+    /// A value that was not computed. It is never printed as 0.
     Missing,
 }
 
@@ -113,10 +113,10 @@ impl Artifact for Report {
         for (a, b) in self.tables.iter().zip(&other.tables) {
             for (row, (x, y)) in a.rows.iter().zip(&b.rows).enumerate() {
                 if x != y {
-                    return Difference::of(format!("{}: row {row} differs", a.name));
+                    return Difference::of(format!("row {row} of the table `{}` differs", a.name));
                 }
             }
         }
-        if self == other { Difference::none() } else { Difference::of("other tables") }
+        if self == other { Difference::none() } else { Difference::of("the titles or the tables differ") }
     }
 }

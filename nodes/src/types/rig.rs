@@ -1,4 +1,4 @@
-//! Cameras.
+//! Cameras, and rigs of cameras.
 
 use engine::{Artifact, Corrupt, Decoder, Difference, Encoder};
 use glam::{DMat4, DVec3};
@@ -10,9 +10,9 @@ use serde::Serialize;
 pub struct Camera {
     /// Name of the view.
     pub name: String,
-    /// Columns, in pixels.
+    /// Width of the image, in pixels.
     pub width_px: u32,
-    /// Rows, in pixels.
+    /// Height of the image, in pixels.
     pub height_px: u32,
     /// Focal length along x, in pixels.
     pub fx: f64,
@@ -75,7 +75,8 @@ impl Camera {
         DMat4::from_cols_array(&self.world_from_camera)
     }
 
-    /// The rigid transform from world to camera. The rotation is transposed, which inverts it exactly.
+    /// The rigid transform from world to camera. Its rotation is the transpose of the camera's rotation, which is
+    /// its exact inverse.
     pub fn camera_from_world(&self) -> DMat4 {
         let m = self.world_from_camera();
         let r = glam::DMat3::from_mat4(m).transpose();
@@ -88,7 +89,7 @@ impl Camera {
         self.world_from_camera().w_axis.truncate()
     }
 
-    /// The unit vector in the world from the camera through the point (x, y) of the image, in pixels.
+    /// The unit vector, in world coordinates, from the camera through the point (x, y) of the image, in pixels.
     pub fn direction(&self, x: f64, y: f64) -> DVec3 {
         let local = DVec3::new((x - self.cx) / self.fx, (y - self.cy) / self.fy, 1.0);
         self.world_from_camera().transform_vector3(local).normalize()
@@ -147,7 +148,7 @@ impl Artifact for Rig {
             format!("{unequal} of {count} cameras differ")
         } else {
             format!(
-                "{count} cameras compared with {others}; of the first {}, {unequal} differ",
+                "the numbers of cameras differ: {count} and {others}; among the first {}, {unequal} differ",
                 count.min(others)
             )
         })

@@ -144,7 +144,7 @@ impl Artifact for Splats {
         Difference::of(if count == others {
             format!("both have {count} splats, but their values differ")
         } else {
-            format!("{count} splats compared with {others}")
+            format!("the numbers of splats differ: {count} and {others}")
         })
     }
 }
@@ -202,11 +202,15 @@ impl Artifact for Views {
 
     fn difference(&self, other: &Self) -> Difference {
         if self.0.len() != other.0.len() {
-            return Difference::of(format!("{} views compared with {}", self.0.len(), other.0.len()));
+            return Difference::of(format!(
+                "the numbers of views differ: {} and {}",
+                self.0.len(),
+                other.0.len()
+            ));
         }
         for (a, b) in self.0.iter().zip(&other.0) {
             if a.camera != b.camera {
-                return Difference::of(format!("camera {} moved", a.camera.name));
+                return Difference::of(format!("the cameras `{}` differ", a.camera.name));
             }
             let (size, other_size) = (a.colour.size(), b.colour.size());
             let difference =

@@ -2,7 +2,7 @@
 
 use engine::NodeError;
 
-/// Checks the name of a view, which becomes part of paths.
+/// Checks that the name of a view can be part of a file name.
 pub(crate) fn check_name(name: &str) -> Result<(), NodeError> {
     if name.is_empty()
         || name.contains(['/', '\\', '{', '}'])
@@ -10,7 +10,7 @@ pub(crate) fn check_name(name: &str) -> Result<(), NodeError> {
         || name == ".."
     {
         return Err(NodeError::new(format!(
-            "`{name}` cannot be the name of a view, which becomes part of file names"
+            "`{name}` cannot be the name of a view, because it becomes part of file names"
         ))
         .at("name")
         .hint("use letters, digits, `-` and `_`"));

@@ -1,5 +1,5 @@
-//! Measures how often true values lie within the reported standard errors, over twenty seeds. This is done for the
-//! ratio `with / without` of `path-trace`, and for the finished picture of `composite`. Prints the tables of
+//! Measures how often true values lie within the reported standard errors, over twenty seeds. The measured values
+//! are the ratio `with / without` of `path-trace`, and the picture of `composite`. Prints the tables of
 //! `docs/evidence/trade.md`. Run it as `cargo bench -p lightharmony-testkit --bench coverage` in a checkout next to
 //! `shared`; with `-- small`, it only checks that the benchmark runs.
 #![allow(clippy::print_stdout, clippy::unwrap_used, reason = "a benchmark prints its results and may panic")]
@@ -17,20 +17,20 @@ use nodes::kinds::shadow_ratio::{self, ShadowRatio};
 use nodes::math::color::luminance;
 use nodes::types::{Environment, Images, Mesh, Placed, Rig};
 
-/// Amount of work: numbers of seeds and samples with which the scenes are traced.
+/// Numbers of seeds and of samples per pixel with which the scenes are traced.
 struct Effort {
     seeds: u64,
     /// Number of seeds, and number of samples per pixel, with which the true values are computed. None of these
     /// seeds is used by a measurement.
     truth: (u64, u32),
-    /// Maximum number of samples of the measurement with an error bound.
+    /// Maximum number of samples per pixel in the measurement with an error bound.
     most: u32,
 }
 
 const WHOLE: Effort = Effort { seeds: 20, truth: (8, 256), most: 256 };
 /// A small amount of work, to check that the benchmark runs.
 const SMALL: Effort = Effort { seeds: 2, truth: (2, 8), most: 8 };
-/// Error bound of the measurement with `max_error`.
+/// Value of `max_error` in the measurement with an error bound.
 const ASKED: f64 = 0.03;
 /// Side of the tiles to which the error bound applies, in pixels.
 const TILE: usize = 8;
@@ -79,7 +79,7 @@ impl Place {
         }
     }
 
-    /// Renders all views with a seed, and returns the ratio and the picture.
+    /// Renders all views with a seed. Returns the ratio `with / without` and the composited picture.
     fn traced(&self, params: &PathTrace, seed: u64) -> [Reported; 2] {
         let cx =
             Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed, exhaustive: false }, ".");
@@ -113,7 +113,7 @@ impl Place {
 }
 
 impl Place {
-    /// Same as [`traced`](Self::traced) for several seeds, in order, on two threads.
+    /// The results of [`traced`](Self::traced) for several seeds, in order of seed, computed on two threads.
     fn all_traced(&self, params: &PathTrace, seeds: std::ops::Range<u64>) -> Vec<[Reported; 2]> {
         let half = |first| move |seed: &u64| seed % 2 == first;
         let traced = |first: u64| -> Vec<[Reported; 2]> {
@@ -127,8 +127,9 @@ impl Place {
         seeds.filter_map(|seed| if seed % 2 == 0 { even.next() } else { odd.next() }).collect()
     }
 
-    /// True error of the ratio in each tile with noise, as `max_error` defines it: the root mean square error over
-    /// the noisy pixels. The error of a pixel is relative to the ratio if the ratio is above 1.
+    /// True error of the ratio in each tile that has noisy pixels. As in the definition of `max_error`, this is the
+    /// root mean square error over the noisy pixels of the tile, where the error of a pixel is divided by the true
+    /// ratio if that ratio is above 1.
     fn tiles(&self, reported: &Reported, truth: &[f64]) -> Vec<f64> {
         let (mut errors, mut first) = (Vec::new(), 0);
         for camera in &self.rig.cameras {
@@ -152,19 +153,20 @@ impl Place {
     }
 }
 
-/// Luminance of each pixel of all views.
+/// Luminance of each pixel, for all views in order.
 fn light(images: &Images) -> Vec<f64> {
     let pixels = images.0.iter().flat_map(|view| view.picture.samples().chunks_exact(view.picture.size().2));
     pixels.map(|p| f64::from(luminance([p[0], p[1], p[2]]))).collect()
 }
 
-/// Values of one channel for each pixel of all views.
+/// Value of one channel at each pixel, for all views in order.
 fn plane(images: &Images, channel: usize) -> Vec<f64> {
     let pixels = images.0.iter().flat_map(|view| view.picture.samples().chunks_exact(view.picture.size().2));
     pixels.map(|p| f64::from(p[channel])).collect()
 }
 
-/// Number of true values within 1, 2 and 3 standard errors, and sums for the mean errors.
+/// Counts of the pixels whose true value lies within 1, 2 and 3 standard errors, and sums from which mean errors
+/// are computed.
 #[derive(Default)]
 struct Tally {
     within: [u64; 3],

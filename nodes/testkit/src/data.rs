@@ -11,7 +11,7 @@ use nodes::kinds::load_object::{self, LoadObject};
 use nodes::kinds::load_splats::{self, Frame, LoadSplats};
 use nodes::types::{Environment, Mesh, Object, Rig, Splats};
 
-/// A folder of files, and the scene in which kinds run on them.
+/// A folder of files, and the `scene` settings with which kinds run on the files.
 #[derive(Clone)]
 pub struct Data {
     folder: PathBuf,
@@ -20,7 +20,7 @@ pub struct Data {
 }
 
 impl Data {
-    /// Uses the files of a folder, in a scene whose unit is the metre.
+    /// Uses the files of a folder. The scene unit is one metre.
     pub fn of(folder: &Path, up: Up, seed: u64) -> Self {
         Self { folder: folder.to_owned(), up, seed }
     }
@@ -61,7 +61,7 @@ impl Data {
         Context::detached(scene, &self.folder)
     }
 
-    /// Splats of the files `path` and `more`, in the frame that their format defines.
+    /// The splats in the files `path` and `more`, in the frame that the format of these files defines.
     pub fn splats(&self, path: &str, more: &[&str], strict: bool) -> Arc<Splats> {
         let file = |path: &str| InputFile(path.to_owned());
         let params = LoadSplats {
@@ -76,7 +76,7 @@ impl Data {
         LoadSplats::run(&params, load_splats::In {}, &self.context()).unwrap().0.splats
     }
 
-    /// The mesh in a file, in the frame of the world.
+    /// The mesh in a file, whose coordinates are taken as world coordinates.
     pub fn mesh(&self, path: &str, colours: ColourEncoding) -> (Arc<Mesh>, Notes) {
         let params =
             LoadMesh { path: InputFile(path.to_owned()), frame: MeshFrame::World, colours, matrix: None };

@@ -1,5 +1,6 @@
-//! Code shared by the benches of the kinds and their tests on real data: the data, its reference renders, scores of
-//! pictures, and clocks. It is a separate crate, so that programs and unit tests are built without it.
+//! Code shared by the benchmarks of the kinds and their tests on real data. It loads data and reference renders,
+//! computes scores of pictures, and reads clocks. It is a separate crate, so that programs and unit tests are built
+//! without it.
 #![allow(clippy::unwrap_used, reason = "tests and benchmarks may panic")]
 
 mod data;

@@ -1,4 +1,4 @@
-//! Scenes of `render-refs`.
+//! Loads the scenes of `render-refs`, and traces them.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -15,7 +15,7 @@ use nodes::types::{Camera, Environment, Mesh, Placed, Rig};
 
 use crate::{Data, thread_seconds};
 
-/// Scene prepared for tracing.
+/// A scene of `render-refs`, prepared for tracing.
 pub struct Case {
     data: Data,
     /// Folder of the scene, relative to the data folder.
@@ -84,7 +84,7 @@ impl Case {
         }
     }
 
-    /// Returns the scene with the distance of the camera and the size of the receiver multiplied by `times`.
+    /// Returns the scene with the camera distance and the size of the receiver multiplied by `times`.
     pub fn with_camera_at(&self, times: f32) -> Self {
         let mut receiver = Mesh::clone(&self.receiver);
         receiver.positions.iter_mut().flatten().for_each(|v| *v *= times);
@@ -101,7 +101,7 @@ impl Case {
         }
     }
 
-    /// Traces with or without the object, and measures the CPU seconds.
+    /// Traces the scene, with the object only if `with` is true, and measures the CPU seconds.
     pub fn trace(&self, seed: u64, samples: u32, with: bool, surroundings: Surroundings) -> Traced {
         self.cropped(seed, samples, with, surroundings, 0.001)
     }
@@ -146,7 +146,7 @@ impl Case {
         Traced { seconds: seconds - setup, setup, counts, out, notes }
     }
 
-    /// The RGB of a reference render.
+    /// The RGB samples of a reference render.
     pub fn reference(&self, file: &str) -> Vec<f32> {
         let planes = exr::read(file, &self.data.bytes(&format!("{}/{file}", self.folder))).unwrap();
         let [r, g, b] = ["R", "G", "B"].map(|name| planes.find(name).unwrap());
@@ -160,7 +160,7 @@ pub struct Traced {
     pub seconds: f64,
     /// CPU seconds spent before the first pixel is traced, measured with a picture of one pixel.
     pub setup: f64,
-    /// Counts of the node, such as `rays`.
+    /// Work counts of the node, such as `rays`.
     pub counts: BTreeMap<&'static str, u64>,
     /// The layers that the node returned.
     pub out: path_trace::Out,

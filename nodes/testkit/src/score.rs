@@ -4,7 +4,7 @@ use nodes::math::color::luminance;
 use nodes::math::num;
 use nodes::types::Images;
 
-/// RGB of the first picture.
+/// RGB samples of the first picture.
 pub fn rgb(images: &Images) -> Vec<f32> {
     let picture = &images.0[0].picture;
     picture.samples().chunks(picture.size().2).flat_map(|p| [p[0], p[1], p[2]]).collect()
@@ -22,7 +22,7 @@ pub fn relative_mse(ours: &[f32], reference: &[f32]) -> f64 {
 }
 
 /// PSNR in dB for a peak of 1, and the largest deviation, over the first three channels. `seen` has `channels`
-/// channels, and `truth` has `others`.
+/// channels per pixel, and `truth` has `others`.
 ///
 /// # Panics
 /// If the pictures have different numbers of pixels.
@@ -40,9 +40,9 @@ pub fn psnr(seen: &[f32], channels: usize, truth: &[f32], others: usize) -> (f64
     (-10.0 * num::f64::log10(squares / (truth.len() / others * 3) as f64), largest)
 }
 
-/// Compares the luminance of two pictures whose errors are independent from pixel to pixel. For each block of 8 by
-/// 8 pixels, the mean difference is divided by its standard error, which is computed from the spread within the
-/// block. Returns the mean of this score over the blocks, and the share of the blocks whose score is above 3
+/// Compares the luminance of two pictures in which the errors of different pixels are independent. For each block
+/// of 8 by 8 pixels, the mean difference is divided by its standard error, which is computed from the spread within
+/// the block. Returns the mean of this score over the blocks, and the share of the blocks whose score is above 3
 /// (0.0039 is expected from Student's distribution). Blocks without light are left out.
 pub fn block_scores(ours: &[f32], other: &[f32], width: usize) -> (f64, f64) {
     let y = |rgb: &[f32]| f64::from(luminance([rgb[0], rgb[1], rgb[2]]));

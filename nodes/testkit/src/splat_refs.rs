@@ -11,7 +11,7 @@ pub struct Reference {
     pub name: String,
     /// Camera of the view, named `view`.
     pub camera: Camera,
-    /// Number of times that a splat was blended into a pixel, over the whole view.
+    /// Number of blends in the whole view. Each blend adds one splat to one pixel.
     pub blended: u64,
 }
 
@@ -52,7 +52,7 @@ impl Reference {
         }
     }
 
-    /// Samples of a layer: `rgb`, `alpha`, or `depth`, which holds the depth multiplied by alpha.
+    /// Samples of the layer `rgb`, `alpha` or `depth`. The layer `depth` contains the depth multiplied by alpha.
     pub fn layer(&self, data: &Data, layer: &str) -> Vec<f32> {
         // A `.npy` file of little-endian float32: its header, whose length is in bytes 8 and 9, and the samples.
         let bytes = data.bytes(&format!("splat-refs/{}.{layer}.npy", self.name));

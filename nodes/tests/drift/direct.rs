@@ -20,12 +20,13 @@ const LOW: DVec3 = DVec3::new(-0.3, -0.3, 0.0);
 /// Upper corner of the box.
 const HIGH: DVec3 = DVec3::new(0.3, 0.3, 0.6);
 
-/// Values of each layer at all pixels: first as traced by the node, then as summed over all directions.
+/// For each layer, two lists of its values at all pixels: the values that the node traced, and the values summed
+/// over all directions.
 pub struct Direct {
     pub without: [Vec<f64>; 2],
     pub with: [Vec<f64>; 2],
     pub object: [Vec<f64>; 2],
-    /// The reported variance of the luminance of each pixel: first of `without`, then of `with`.
+    /// The reported variance of the luminance at each pixel, for `without` and for `with`.
     pub variance: [Vec<f64>; 2],
 }
 
@@ -118,9 +119,9 @@ fn block() -> Placed {
     Placed { object: Arc::new(object), world_from_object: DMat4::IDENTITY }
 }
 
-/// Directions above the horizon. Each has the radiance from that direction, multiplied by the cosine of its angle
-/// to the vertical and by its solid angle. There are 24 by 24 directions per texel, with equal solid angles within
-/// a texel.
+/// Directions above the horizon. Each is paired with the radiance from that direction, multiplied by the cosine of
+/// the angle to the vertical and by the solid angle that the direction represents. There are 24 by 24 directions
+/// per texel, with equal solid angles within a texel.
 fn directions(sky: &Environment) -> Vec<(DVec3, [f64; 3])> {
     const ACROSS: usize = 24;
     let (width, height) = (sky.image.width, sky.image.height);
@@ -140,7 +141,7 @@ fn directions(sky: &Environment) -> Vec<(DVec3, [f64; 3])> {
     all
 }
 
-/// True if a ray hits the box, by the slab method.
+/// True if a ray hits the box. Uses the slab method.
 fn meets(from: DVec3, direction: DVec3) -> bool {
     let (a, b) = ((LOW - from) / direction, (HIGH - from) / direction);
     a.max(b).min_element() > a.min(b).max_element().max(0.0)
@@ -161,8 +162,8 @@ fn places(pixel: u32, edges: [f64; 2]) -> Vec<(f64, f64)> {
     cuts.windows(2).flat_map(piece).collect()
 }
 
-/// Light that a matte level surface at a given height reflects to each pixel, as the mean over 3 by 3 positions in
-/// each piece of the pixel.
+/// Light that a matte horizontal surface at a given height reflects to each pixel. Each pixel is
+/// divided into pieces, and the result is the mean over 3 by 3 positions in every piece.
 fn summed(
     camera: &Camera,
     directions: &[(DVec3, [f64; 3])],
@@ -195,8 +196,8 @@ fn summed(
     picture
 }
 
-/// Values of the pixels that show only the top of the box: first as traced by the node, then as summed over all
-/// directions.
+/// Two lists of the values of the pixels that show only the top of the box: the values that the node traced, and
+/// the values summed over all directions.
 fn on_top(camera: &Camera, traced: &[f64], directions: &[(DVec3, [f64; 3])]) -> [Vec<f64>; 2] {
     let expected = summed(camera, directions, [BOX; 3], HIGH.z, false);
     let on_top = |pixel: u32| {

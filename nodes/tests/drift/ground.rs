@@ -9,15 +9,15 @@ const GRID: u32 = 24;
 /// Maximum distance between a plane and a point that belongs to it, in metres.
 const NEAR: f64 = 0.02;
 
-/// Values from the report: the distance by which the object was moved, and the normal of the ground.
+/// Values from the node's report: the distance by which the object was moved, then the normal of the ground.
 pub fn reported(report: &Report) -> Vec<f64> {
     let number = |cell: &Cell| if let Cell::Number(n) = cell { *n } else { f64::NAN };
     let row: Vec<f64> = report.tables[0].rows[0].iter().map(number).collect();
     vec![row[0], row[2], row[3], row[4]]
 }
 
-/// Reference for [`reported`], for an object at most `reach` above or below the ground. The world is in metres with
-/// z up.
+/// Reference values for [`reported`], for an object that is at most `reach` above or below the ground. The world is
+/// in metres with z up.
 pub fn found(mesh: &Mesh, placed: &Placed, reach: f64) -> Vec<f64> {
     let corners: Vec<DVec3> = placed
         .object
@@ -66,7 +66,7 @@ pub fn found(mesh: &Mesh, placed: &Placed, reach: f64) -> Vec<f64> {
     vec![heights[heights.len() / 2], normal.x, normal.y, normal.z]
 }
 
-/// Height of a point above a plane, which is given by its height at 0 and its rise along both axes.
+/// Height of a point above a plane. The plane is given by its height at the origin and its slopes along x and y.
 fn over(plane: DVec3, p: DVec3) -> f64 {
     p.z - plane.x - plane.y * p.x - plane.z * p.y
 }
@@ -92,7 +92,8 @@ fn densest(points: &[DVec3]) -> DVec3 {
     planes.into_iter().max_by(|a, b| held(a).cmp(&held(b)).then_with(|| nearer(a, b))).unwrap()
 }
 
-/// Rise along both axes of the plane fitted to points by least squares of the differences in height.
+/// Fits a plane to points by least squares of the vertical distances, and returns it in the form that [`over`]
+/// reads.
 fn least_squares(points: &[DVec3]) -> DVec3 {
     let mean = points.iter().sum::<DVec3>() / points.len() as f64;
     let (mut moments, mut right) = (DMat3::ZERO, DVec3::ZERO);

@@ -1,4 +1,4 @@
-//! Reference for the scores of `score-env`, computed from texels instead of the grid cells that the node uses.
+//! Reference for the scores of `score-env`. It is computed from texels, whereas the node uses the cells of a grid.
 
 use std::f64::consts::PI;
 
@@ -104,8 +104,8 @@ fn glossy(texels: &[Texel], normal: DVec3) -> [f64; 3] {
     [0, 1, 2].map(|c| texels.iter().map(|(d, size, rgb)| lobe(d) * size * rgb[c]).sum::<f64>() / whole)
 }
 
-/// Root mean square error, relative to the truth, over the pixels of a sphere that is 32 pixels wide and seen along
-/// +y.
+/// Renders a sphere, 32 pixels wide and seen along +y, under both lights. Returns the root mean square error over
+/// its pixels, relative to the truth.
 fn sphere(shade: fn(&[Texel], DVec3) -> [f64; 3], found: &[Texel], truth: &[Texel]) -> f64 {
     let (mut off, mut square) = (0.0, 0.0);
     for i in 0..32 * 32 {
@@ -126,15 +126,15 @@ fn sphere(shade: fn(&[Texel], DVec3) -> [f64; 3], found: &[Texel], truth: &[Texe
 pub fn reported(report: &Report) -> Vec<f64> {
     let begins = [
         "mean irradiance",
-        "irradiance, relative RMS",
+        "irradiance on all planes, relative RMS",
         "peak luminance",
-        "irradiance of a plane that faces up",
-        "irradiance of a plane that faces down",
-        "irradiance of a plane that faces right",
-        "irradiance of a plane that faces left",
-        "irradiance of a plane that faces forward",
-        "irradiance of a plane that faces back",
-        "panorama, absolute error",
+        "irradiance on a plane that faces up",
+        "irradiance on a plane that faces down",
+        "irradiance on a plane that faces right",
+        "irradiance on a plane that faces left",
+        "irradiance on a plane that faces forward",
+        "irradiance on a plane that faces back",
+        "panorama, mean absolute error",
         "energy over the whole sphere",
         "matte sphere, relative",
         "glossy sphere, relative",

@@ -1,6 +1,6 @@
-//! Measures the error of every node: the largest error and the 99.9th percentile. The reference is a slow float64
-//! implementation that follows the definition of the node. For nodes that sample, the reference is the same node
-//! with a finer setting. `docs/evidence/README.md` lists the nodes that need no such test.
+//! Measures the error of every node: the maximum and the 99.9th percentile. The reference is a slow float64
+//! implementation that follows the definition of the node or, for nodes that take samples, the same node with a
+//! finer setting. `docs/evidence/README.md` lists the nodes that need no such test.
 //!
 //! All results are deterministic, so `errors.tsv` is the same on every machine. If a line changes, a picture has
 //! changed: look at the picture, then update the file with `UPDATE_GOLDEN=1`.
@@ -34,7 +34,7 @@ struct Case {
     errors: Vec<f64>,
 }
 
-/// A graph after it was run, and its engine.
+/// A graph that was run, and the engine that ran it.
 struct Run {
     engine: Engine,
     graph: Graph,
@@ -221,8 +221,8 @@ fn summary(errors: &[f64]) -> [f64; 2] {
     [sorted[last], sorted[last - last / 1000]]
 }
 
-/// Formats an error with four digits. An error below 1e-12, which is only the rounding of sums in float64, is shown
-/// as `<1e-12`.
+/// Formats an error with four digits. An error below 1e-12 is only rounding in float64 sums, and is shown as
+/// `<1e-12`.
 fn digits(error: f64) -> String {
     match error {
         0.0 => "0".to_owned(),
@@ -254,8 +254,8 @@ fn no_error_drifts() {
     assert_eq!(text.lines().count(), known.lines().count());
 }
 
-/// The light of each pixel agrees with the sum over all directions, within the noise that its reported variance
-/// predicts. The mean of the differences is 0 within its standard error.
+/// The light of each pixel agrees with the sum over all directions, within the noise that the reported variance of
+/// the pixel predicts. The mean of the differences is 0 within its standard error.
 #[test]
 fn direct_light_is_that_of_all_directions() {
     let direct = direct::Direct::new(64);

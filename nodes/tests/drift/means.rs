@@ -59,8 +59,8 @@ impl Layers {
         [without, with, object].concat()
     }
 
-    /// Pixels of the receiver without fireflies. They are compared by the ratio `with` / `without` and its
-    /// variance.
+    /// Pixels of the receiver, after the removal of fireflies. They are compared by the ratio `with` / `without`
+    /// and the variance of this ratio.
     fn receiver(&self) -> Field<'_> {
         let pixel = |i: usize| {
             let (r0, r1) = (&self.without[3 * i..3 * i + 3], &self.with[3 * i..3 * i + 3]);
@@ -122,7 +122,8 @@ impl Layers {
 }
 
 impl Field<'_> {
-    /// Indices of the pixels at most `reach` columns and rows away from a pixel, row by row.
+    /// Indices of the pixels that are at most `reach` columns and at most `reach` rows away from the pixel `i`, row
+    /// by row.
     fn around(&self, i: usize, reach: usize) -> impl Iterator<Item = usize> {
         let (width, height) = (self.layers.width, self.pixels.len() / self.layers.width);
         let (x, y) = (i % width, i / width);
@@ -132,7 +133,8 @@ impl Field<'_> {
     }
 
     /// Computes the variance up to which the neighbours of each pixel are averaged with full weight. It is 16 times
-    /// the mean variance of the pixel and its eight neighbours, without the largest of these variances.
+    /// the mean of the variances of the pixel and its eight neighbours, after the largest of these variances is
+    /// left out.
     fn doubted(mut self) -> Self {
         for i in 0..self.pixels.len() {
             let near = self.around(i, 1).filter(|j| self.pixels[*j].there);
@@ -145,8 +147,8 @@ impl Field<'_> {
         self
     }
 
-    /// Replaces the variance of each pixel with the mean of the variances around the pixel, or with a tenth of its
-    /// own variance if that is larger.
+    /// Replaces the variance of each pixel with the mean of the variances within `reach` of the pixel, or with a
+    /// tenth of its own variance if that is larger.
     fn smoothed(mut self, reach: usize) -> Self {
         let mean = |i: usize| {
             let near: Vec<f64> = self
@@ -163,8 +165,8 @@ impl Field<'_> {
         self
     }
 
-    /// Change of the inverse depth per column or per row at a pixel. If the changes on both sides have the same
-    /// sign, it is the smaller of them, otherwise 0.
+    /// Change of the inverse depth per column or per row at a pixel. If the changes to both neighbours have the
+    /// same sign, this is the smaller of the two, otherwise 0.
     fn slope(&self, i: usize, step: usize, before: bool, after: bool) -> f64 {
         if !(before && after) {
             return 0.0;
@@ -180,7 +182,8 @@ impl Field<'_> {
         }
     }
 
-    /// Squared difference of two pixels minus the difference expected from noise, divided by the noise.
+    /// Mean squared difference of the signals of two pixels, minus the part that is expected from noise, divided by
+    /// the variance of the noise.
     fn apart(&self, p: &Pixel, q: &Pixel, strength: f64) -> f64 {
         let square =
             (0..3).map(|k| (p.signal[k] - q.signal[k]) * (p.signal[k] - q.signal[k])).sum::<f64>() / 3.0;

@@ -1,4 +1,4 @@
-//! Tests that a whole insertion gives the same pictures in a world that is moved, enlarged or reduced.
+//! Tests that a whole insertion gives the same pictures if the world is moved, enlarged or reduced.
 
 use std::sync::Arc;
 
@@ -33,7 +33,7 @@ struct World {
     object: Arc<Object>,
     pose: Pose,
     rig: Rig,
-    /// Height at which the mesh is cropped. The part below it is the receiver.
+    /// Height at which the mesh is cropped. The part of the mesh below this height is the receiver.
     below: f64,
     metres_per_unit: f64,
     origin: DVec3,
@@ -47,7 +47,7 @@ fn halves(place: DVec3) -> [[f32; 3]; 2] {
 }
 
 impl World {
-    /// Returns the world scaled about its origin and then moved.
+    /// Returns the world after scaling it about the origin by `scale` and then moving it by `by`.
     fn moved(&self, scale: f64, by: DVec3) -> Self {
         let to = |place: DVec3| place * scale + by;
         let (mut splats, mut mesh, mut rig) = (self.splats.clone(), self.mesh.clone(), self.rig.clone());
@@ -140,8 +140,8 @@ impl World {
     }
 }
 
-/// Runs the insertion in `world`, and returns the largest difference from `here` in each step. If a sample of
-/// `here` is above 1, its difference is divided by the sample.
+/// Runs the insertion in `world`, and returns the largest difference from `here` for each step. Where a sample of
+/// `here` is above 1, the difference is divided by that sample.
 fn off(world: &World, here: &[Step]) -> Vec<(&'static str, f64)> {
     let worst = |((step, a), (_, b)): (&Step, &Step)| {
         assert_eq!(a.len(), b.len());

@@ -1,4 +1,5 @@
-//! Slow references in float64, written from the documentation of a node and not from its code.
+//! Slow reference implementations in float64. They were written from the documentation of the nodes, not from their
+//! code.
 
 use std::f64::consts::PI;
 
@@ -60,8 +61,8 @@ pub fn stitch(views: &Views, width: usize) -> (Vec<f64>, Vec<f64>) {
     (colours, seen)
 }
 
-/// Mean of all views in a direction. The weight of a view increases with the distance from the border of the view,
-/// by a smooth step over 8 % of the shorter side of the view.
+/// Weighted mean of all views in a direction. The weight of a view is a smooth step that rises from 0 at the border
+/// of the view to 1 at a distance of 8 % of its shorter side.
 fn around(views: &Views, faces: &[Vec<[f64; 4]>], direction: DVec3) -> [f64; 4] {
     let (mut sum, mut total) = ([0.0; 4], 0.0);
     for (view, pixels) in views.0.iter().zip(faces) {
@@ -96,8 +97,8 @@ pub fn taken(brackets: &Brackets) -> Vec<f64> {
     brackets.exposures.iter().flat_map(|image| image.samples.iter().map(|v| f64::from(*v))).collect()
 }
 
-/// The samples of the photographs of a panorama at all exposures, concatenated. They are computed from the
-/// predicted gain and clamped to white.
+/// The samples of a panorama as photographed at all exposures, concatenated. They are computed from the panorama
+/// and its predicted gain, and are clamped to white.
 pub fn exposed(base: &Panorama, brackets: &Brackets) -> Vec<f64> {
     let gains = &brackets.log2_gain.samples;
     let at = |ev: f64| {
@@ -110,8 +111,8 @@ pub fn exposed(base: &Panorama, brackets: &Brackets) -> Vec<f64> {
     brackets.evs.iter().flat_map(|ev| at(*ev)).collect()
 }
 
-/// Factor in linear light that has the same effect as a grey mask. With such a mask, black is composited over
-/// display values, and its opacity is the blocked share of the luminance.
+/// Factors in linear light that have the same effect as a grey mask. With a grey mask, black is composited over
+/// display values with an opacity equal to the blocked share of the luminance.
 pub fn grey(without: &[f64], with: &[f64], strength: f64) -> Vec<f64> {
     let pairs = without.chunks_exact(3).zip(with.chunks_exact(3));
     let factor = |(a, b): (&[f64], &[f64])| {
@@ -156,8 +157,9 @@ pub struct Ratio {
 }
 
 impl Ratio {
-    /// Factor of the background for each of three channels. It is 1 where the mean of `without` around a pixel is
-    /// less than `min_energy` times the median of the lit pixels, with a ramp up to twice this value.
+    /// Factors by which the three channels of the background are multiplied at each pixel. They are 1 where the
+    /// mean of `without` around a pixel is less than `min_energy` times the median of the lit pixels, with a ramp
+    /// up to twice this value.
     pub fn of(&self, without: &[f64], with: &[f64], width: usize) -> Vec<f64> {
         let mut sorted: Vec<f64> = without.iter().copied().filter(|v| *v > 0.0).collect();
         sorted.sort_by(f64::total_cmp);
@@ -181,8 +183,8 @@ impl Ratio {
     }
 }
 
-/// Composites the object over the shaded background and black, in linear light. The background is in premultiplied
-/// display values.
+/// Composites the object over the shaded background, and the result over black, in linear light. `background`
+/// contains premultiplied display values.
 pub fn composite(background: &[f64], object: &[f64], shadow: &[f64]) -> Vec<f64> {
     let pixels = background.chunks_exact(4).zip(object.chunks_exact(4)).zip(shadow.chunks_exact(3));
     let over = |((b, o), s): ((&[f64], &[f64]), &[f64])| {
@@ -192,7 +194,7 @@ pub fn composite(background: &[f64], object: &[f64], shadow: &[f64]) -> Vec<f64>
     pixels.flat_map(over).collect()
 }
 
-/// The masks of the object, the shadow, the rest and the contact band, concatenated.
+/// The masks of four regions, concatenated: the object, the shadow, all other pixels, and the contact band.
 pub fn masks(object: &[f64], shadow: &[f64], width: usize) -> Vec<f64> {
     let alpha: Vec<f64> = object.chunks_exact(4).map(|pixel| pixel[3]).collect();
     let inside = |i: usize| alpha[i] > 0.5;
@@ -246,8 +248,9 @@ pub fn shown(image: &[f64], reference: &[f64]) -> [Vec<f64>; 2] {
     [image.chunks_exact(3).flat_map(encode).collect(), reference.chunks_exact(4).flat_map(cut).collect()]
 }
 
-/// Scores of display values: mean absolute error, PSNR, SSIM with zeros outside the picture, SSIM without the
-/// border (both with a two-dimensional window), mean and 95th percentile of FLIP, and mean of CIEDE2000.
+/// Scores of display values, in this order: mean absolute error, PSNR, SSIM with zeros outside the picture, SSIM
+/// without the border, mean and 95th percentile of FLIP, and mean of CIEDE2000. Both SSIM use a two-dimensional
+/// window.
 pub fn scores([a, b]: &[Vec<f64>; 2], width: usize) -> Vec<f64> {
     let apart: Vec<f64> = a.iter().zip(b).map(|(a, b)| a - b).collect();
     let count = apart.len() as f64;
@@ -303,8 +306,8 @@ fn similarity(a: &[f64], b: &[f64], width: usize) -> Vec<f64> {
     (0..width * height).map(|pixel| (0..3).map(|c| at_pixel(pixel, c)).sum::<f64>() / 3.0).collect()
 }
 
-/// Applies a filter to the square of pixels around each pixel. Outside the picture, the pixels of its border are
-/// repeated.
+/// Applies a filter to a channel. The filter covers the pixels at most `reach` columns and rows away. Outside the
+/// picture, the border pixels are repeated.
 fn filtered(channel: &[f64], width: usize, reach: i64, kernel: &dyn Fn(i64, i64) -> f64) -> Vec<f64> {
     let height = channel.len() / width;
     let offsets: Vec<(i64, i64)> =
@@ -334,7 +337,8 @@ fn balanced(reach: i64, kernel: impl Fn(f64, f64) -> f64) -> impl Fn(i64, i64) -
     }
 }
 
-/// Converts linear Rec.709 to XYZ relative to white, from the chromaticities of the primaries and of D65.
+/// Converts linear Rec.709 to XYZ relative to white. The matrix is derived from the chromaticities of the primaries
+/// and of D65.
 fn relative_xyz(rgb: [f64; 3]) -> [f64; 3] {
     let xyz = |[x, y]: [f64; 2]| DVec3::new(x / y, 1.0, (1.0 - x - y) / y);
     let white = xyz([0.3127, 0.3290]);
@@ -349,8 +353,8 @@ fn rgb_of(xyz: [f64; 3]) -> [f64; 3] {
     (DMat3::from_cols_array_2d(&columns).inverse() * DVec3::from_array(xyz)).to_array()
 }
 
-/// FLIP of each pixel for display values (Andersson et al. 2020), with two-dimensional filters as defined, for a
-/// display of 3840 pixels and 0.7 m width, seen from 0.7 m.
+/// FLIP (Andersson et al. 2020) of display values at each pixel. The filters are two-dimensional, as in the
+/// definition. The assumed display is 3840 pixels and 0.7 m wide, and is seen from 0.7 m.
 pub fn flip(a: &[f64], b: &[f64], width: usize) -> Vec<f64> {
     let density = 3840.0 / 0.7 * 0.7 * PI / 180.0;
     let [a, b] = [a, b].map(|picture| seen(picture, width, density));
@@ -365,8 +369,8 @@ pub fn flip(a: &[f64], b: &[f64], width: usize) -> Vec<f64> {
     a.iter().zip(&b).map(pixel).collect()
 }
 
-/// Values of a pixel: its colour after the contrast sensitivity filters, and the strengths of edges and of points
-/// there.
+/// Values of a pixel: its colour after the contrast sensitivity filters, the strength of edges, and the strength of
+/// points.
 type Seen = ([f64; 3], f64, f64);
 
 fn seen(picture: &[f64], width: usize, density: f64) -> Vec<Seen> {

@@ -1,4 +1,5 @@
-//! References in float64 for pictures of splats and of triangles. They test all splats or triangles for each pixel.
+//! Reference implementations in float64 for pictures of splats and of triangles. For each pixel, they visit all
+//! splats or all triangles.
 
 use std::f64::consts::PI;
 
@@ -9,8 +10,8 @@ use nodes::types::{Camera, Mesh, Placed, Splats};
 
 use super::references::{encoded, light};
 
-/// Real spherical harmonics in a unit direction, ordered by degree and within a degree from -l to l. Uses the
-/// recurrence of the associated Legendre functions, with the sign (-1)^m of Condon and Shortley.
+/// Values of the real spherical harmonics in a unit direction, sorted by degree l and within a degree by order m,
+/// from -l to l. Uses the recurrence of the associated Legendre functions, with the Condon-Shortley phase (-1)^m.
 fn harmonics(degree: u32, d: DVec3) -> Vec<f64> {
     let factorial = |n: i32| (1..=n).map(f64::from).product::<f64>();
     // sin(theta)^m cos(m phi) and sin(theta)^m sin(m phi).
@@ -48,8 +49,8 @@ struct Footprint {
 }
 
 impl Footprint {
-    /// Footprint of a splat. `centre` is its projected centre, and `rows` are the derivatives of the projection.
-    /// The variance of the low-pass filter is 0.3.
+    /// Footprint of a splat. `centre` is its projected centre, and `rows` are the derivatives of the projection
+    /// with respect to the position. The low-pass filter adds a variance of 0.3.
     fn new(splats: &Splats, i: usize, eye: DVec3, depth: f64, centre: [f64; 2], rows: [DVec3; 2]) -> Self {
         let [xx, xy, yy] = [rows[0].dot(rows[0]) + 0.3, rows[0].dot(rows[1]), rows[1].dot(rows[1]) + 0.3];
         let determinant = xx * yy - xy * xy;
@@ -73,8 +74,8 @@ fn axes(splats: &Splats, i: usize) -> DMat3 {
     turn * DMat3::from_diagonal(DVec3::from(splats.scales[i].map(f64::from)))
 }
 
-/// Premultiplied colour and alpha of sorted splats at a position. If there is a period, the picture wraps
-/// around.
+/// Premultiplied colour and alpha of splats at a position of the picture. The splats must be sorted, nearest first.
+/// If `period` is given, the picture wraps around horizontally with this period.
 fn blended(footprints: &[Footprint], at: [f64; 2], period: Option<f64>) -> [f64; 4] {
     let (mut rgb, mut clear) = ([0.0; 3], 1.0);
     for Footprint { centre, shape: [xx, xy, yy], opacity, rgb: colour, .. } in footprints {
@@ -96,8 +97,8 @@ fn blended(footprints: &[Footprint], at: [f64; 2], period: Option<f64>) -> [f64;
     [r, g, b, 1.0 - clear]
 }
 
-/// Premultiplied colour and alpha of each pixel: EWA splatting as in Zwicker et al. 2001 and Kerbl et al. 2023,
-/// with the constants of the latter.
+/// Premultiplied colour and alpha of each pixel: EWA splatting (Zwicker et al. 2001) with the constants of Kerbl et
+/// al. 2023.
 pub fn splatted(splats: &Splats, camera: &Camera) -> Vec<f64> {
     let world = camera.world_from_camera();
     let turn = DMat3::from_mat4(world).transpose();
@@ -128,9 +129,10 @@ pub fn splatted(splats: &Splats, camera: &Camera) -> Vec<f64> {
     places.flat_map(|at| blended(&footprints, at, None)).collect()
 }
 
-/// Display values and the visible share of each pixel of a panorama with z up, for its belt: the rows more than 30
-/// degrees from both poles. A pixel is the mean light of 2 by 2 samples. Each sample is blended by [`blended`] in
-/// the plane of the two angles, nearest splats first. The derivatives of the angles are finite differences.
+/// Display values and the visible share of each pixel in the belt of a panorama with z up. The belt consists of the
+/// rows more than 30 degrees from both poles. A pixel is the mean light of 2 by 2 samples. Each sample is blended
+/// by [`blended`] in the plane of the two angles, nearest splats first. The derivatives of the angles are finite
+/// differences.
 pub fn belt(splats: &Splats, eye: DVec3, width: usize) -> (Vec<f64>, Vec<f64>) {
     let fine = 2.0 * width as f64;
     let angles = |p: DVec3| {

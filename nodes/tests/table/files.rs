@@ -2,7 +2,7 @@
 
 use safetensors::tensor::{Dtype, TensorView, serialize};
 
-/// A quad with one corner raised, as ASCII PLY.
+/// An ASCII PLY file that contains a quad with one corner raised.
 pub const MESH_PLY: &str = "ply
 format ascii 1.0
 element vertex 4
@@ -36,7 +36,7 @@ pub const CAMERAS_JSON: &str = r#"{
   ]
 }"#;
 
-/// Transform of nerfstudio's data parser.
+/// The file in which nerfstudio's data parser stores its transform.
 pub const DATAPARSER_JSON: &str = r#"{"transform": [[0,-1,0,1],[1,0,0,0],[0,0,1,0]], "scale": 0.5}"#;
 
 /// INRIA PLY file with `n` splats of degree 1 along a line. The last splat is large.

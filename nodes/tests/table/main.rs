@@ -21,8 +21,8 @@ struct Fixture {
     folder: PathBuf,
 }
 
-/// Fixture that all tests share, because its first run is expensive. Tests use it one at a time, since the engine
-/// keeps only the digests of the last run.
+/// Fixture that all tests share, because its first run is expensive. Only one test at a time uses it, since the
+/// engine keeps only the digests of the last run.
 static SHARED: LazyLock<Mutex<Fixture>> = LazyLock::new(|| Mutex::new(Fixture::new()));
 
 fn shared() -> MutexGuard<'static, Fixture> {
@@ -157,8 +157,7 @@ fn values_outside_their_range_are_refused() {
     }
 }
 
-/// Every value of every quality setting is valid for its node, and each preset gives all quality settings their
-/// values for the preset.
+/// Every value of every knob is valid for its node, and each preset sets all knobs to their values for that preset.
 #[test]
 fn every_value_of_a_knob_is_one_that_its_node_takes() {
     let fixture = shared();

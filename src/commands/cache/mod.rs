@@ -10,7 +10,7 @@ use crate::session::{Error, GraphArgs, Loaded, cache_folder, size, time};
 use crate::terminal;
 use crate::terminal::print;
 
-/// Maintains the cache: contents, damage, size.
+/// Maintains the cache: prints its contents, finds damage, limits its size.
 #[derive(Debug, Args)]
 pub struct Cache {
     #[command(subcommand)]
@@ -33,7 +33,7 @@ enum Verb {
     Gc(Gc),
     /// Protect the known results of a graph from `gc`
     Pin(Pin),
-    /// Copy all results, or those of a graph, to another cache
+    /// Copy all results, or only the results of a graph, to another cache
     Copy(Copy),
 }
 
@@ -107,23 +107,23 @@ fn stat(store: &Store, folder: &Path) -> Result<u8, Error> {
     let rows = [
         ("folder", folder.display().to_string()),
         ("size", bytes_text(stat.bytes)),
-        ("results", format!("{} records", stat.records)),
+        ("results", stat.records.to_string()),
         (
             "values",
             format!(
-                "{} large values in files, {}; {} small values in a log",
+                "large, in separate files: {} ({}); small, in a log: {}",
                 stat.large_blobs,
                 bytes_text(stat.large_bytes),
                 stat.small_blobs
             ),
         ),
-        ("logs", format!("{}, {} of it unused", bytes_text(stat.log_bytes), bytes_text(stat.dead_bytes))),
-        ("files", format!("{} remembered digests of input files", stat.memos)),
+        ("logs", format!("{} (unused: {})", bytes_text(stat.log_bytes), bytes_text(stat.dead_bytes))),
+        ("files", format!("input files with a remembered digest: {}", stat.memos)),
         ("aside", bytes_text(stat.quarantine_bytes)),
     ];
     let mut text: String = rows.iter().map(|(name, value)| format!("{name:<8} {value}\n")).collect();
     for (name, records) in store.pins() {
-        text.push_str(&format!("{:<8} {name}: {records} records\n", "pin"));
+        text.push_str(&format!("{:<8} {name} (results: {records})\n", "pin"));
     }
     print(&text)?;
     Ok(0)
@@ -132,7 +132,7 @@ fn stat(store: &Store, folder: &Path) -> Result<u8, Error> {
 fn check(store: &Store, repair: bool) -> Result<u8, Error> {
     let found = store.check(repair, &blobs_of, &mut |_| true)?;
     let mut text =
-        format!("{} records and {} values, {}\n", found.records, found.blobs, bytes_text(found.bytes));
+        format!("results: {}, values: {} ({})\n", found.records, found.blobs, bytes_text(found.bytes));
     if found.damaged_bytes > 0 {
         text.push_str(&format!("damaged: {} in the logs\n", bytes_text(found.damaged_bytes)));
     }
@@ -157,16 +157,16 @@ impl Gc {
             dry_run: self.dry_run,
         };
         let gone = store.collect(&limits, &blobs_of, time(&self.wait)?)?;
-        let done = if self.dry_run { "would remove" } else { "removed" };
+        let done = if self.dry_run { "would be removed" } else { "removed" };
         let mut text = format!(
-            "{done} {} results and {} values: {} before, {} after\n",
+            "{done}: results {}, values {}; size {} before, {} after\n",
             gone.records,
             gone.blobs,
             bytes_text(gone.before),
             bytes_text(gone.after)
         );
         if gone.pinned > 0 {
-            text.push_str(&format!("{} results are pinned and are kept\n", gone.pinned));
+            text.push_str(&format!("pinned results, which are kept: {}\n", gone.pinned));
         }
         print(&text)?;
         let too_much = limits.max_size.is_some_and(|most| gone.after > most && most > 0);
@@ -177,7 +177,7 @@ impl Gc {
     }
 }
 
-/// The keys of the known results of a graph, the number of wanted nodes, and the engine.
+/// The keys of the known results of a graph, the number of nodes that its targets need, and the engine.
 fn known(graph: &GraphArgs, store: Store) -> Result<(Vec<Digest>, usize, Engine), Error> {
     let Loaded { graph, only, .. } = graph.load()?;
     let engine = Engine::new(store, 1, 0);
@@ -195,7 +195,7 @@ impl Pin {
         let Some(graph) = self.graph else {
             let pins = store.pins();
             let lines: String =
-                pins.iter().map(|(name, records)| format!("{name}: {records} records\n")).collect();
+                pins.iter().map(|(name, records)| format!("{name} (results: {records})\n")).collect();
             print(if lines.is_empty() { "nothing is pinned\n" } else { &lines })?;
             return Ok(0);
         };
@@ -208,9 +208,9 @@ impl Pin {
         let (keys, wanted, engine) = known(&graph, store)?;
         let before = engine.store().pins().into_iter().find(|(pin, _)| *pin == name);
         engine.store().pin(&name, &keys)?;
-        let before = before.map(|(_, records)| format!(", replacing an earlier pin of {records} results"));
+        let before = before.map(|(_, records)| format!(", results of the replaced pin: {records}"));
         let before = before.unwrap_or_default();
-        print(&format!("{name}: pinned {} known results of {wanted} nodes{before}\n", keys.len()))?;
+        print(&format!("pinned {name} (known results: {}, nodes: {wanted}{before})\n", keys.len()))?;
         Ok(0)
     }
 }
@@ -225,7 +225,7 @@ impl Copy {
                 engine.store().copy_to(&other, Some(&keys), &blobs_of, &mut |_| true)?
             }
         };
-        print(&format!("copied {copied} results to {}\n", self.to.display()))?;
+        print(&format!("copied to {} (results: {copied})\n", self.to.display()))?;
         Ok(0)
     }
 }

@@ -23,7 +23,7 @@ pub struct Check {
 }
 
 impl Check {
-    /// Checks the graph. Returns exit code 0 for a graph that can run; mistakes are an error.
+    /// Checks the graph. Returns exit code 0 if the graph can run, and an error if it has mistakes.
     pub fn run(self) -> Result<u8, Error> {
         let loaded = self.graph.load()?;
         let graph = &loaded.graph;
@@ -40,7 +40,7 @@ impl Check {
             );
             return Ok(0);
         }
-        terminal::print(&format!("{name}: {nodes} nodes, {sinks} sinks, no mistakes\n"))?;
+        terminal::print(&format!("{name}: no mistakes (nodes: {nodes}, sinks: {sinks})\n"))?;
         if let Some(remark) = terminal::no_file(graph, &loaded.only) {
             terminal::print(&format!("{remark}\n"))?;
         }

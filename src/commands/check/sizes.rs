@@ -1,4 +1,4 @@
-//! Detection of pictures whose sizes do not match, from cameras and file headers.
+//! Detects pictures whose sizes do not match. The sizes are taken from cameras and file headers.
 
 use std::sync::Arc;
 
@@ -12,7 +12,7 @@ use nodes::kinds::load_image::LoadImage;
 /// Width and height of each view in pixels.
 type Sizes = Vec<[u64; 2]>;
 
-/// Kinds whose output pictures have the size of one of their inputs: (kind, name of this input).
+/// Kinds whose output pictures have the same size as one of their inputs, each with the name of that input.
 const FOLLOWS: [(&str, &str); 7] = [
     ("splat-render", "rig"),
     ("path-trace", "rig"),
@@ -26,7 +26,7 @@ const FOLLOWS: [(&str, &str); 7] = [
 /// The inputs that `composite` combines.
 const LAYERS: [&str; 4] = ["background", "object", "shadow", "front"];
 
-/// Reports each `composite` whose inputs have different sizes, as far as these sizes are known without a run.
+/// Reports each `composite` whose inputs have different sizes, if these sizes are known without a run.
 pub fn check(graph: &Graph) -> Result<(), Diagnostics> {
     let mut known: Vec<Option<Option<Sizes>>> = vec![None; graph.nodes.len()];
     let mut mistakes = Vec::new();
@@ -56,7 +56,7 @@ pub fn check(graph: &Graph) -> Result<(), Diagnostics> {
     if mistakes.is_empty() { Ok(()) } else { Err(Diagnostics::new(graph.source.clone(), mistakes)) }
 }
 
-/// False if both lists have views but no size occurs in both.
+/// True unless both lists contain sizes but have no size in common.
 fn fit(a: &Sizes, b: &Sizes) -> bool {
     a.is_empty() || b.is_empty() || a.iter().any(|size| b.contains(size))
 }
@@ -67,7 +67,7 @@ fn wire(graph: &Graph, node: usize, input: &str) -> Option<Wire> {
     node.inputs[port].first().copied()
 }
 
-/// The sizes of the pictures or cameras of an output; `None` if they are known only after a run.
+/// The sizes of the pictures or cameras that an output contains; `None` if they are known only after a run.
 fn sizes(graph: &Graph, wire: Wire, known: &mut [Option<Option<Sizes>>]) -> Option<Sizes> {
     // Follows inputs up to the first node with its own size. This is a loop, since graphs may be deep.
     let (mut at, mut path) = (wire, Vec::new());
@@ -91,7 +91,8 @@ fn sizes(graph: &Graph, wire: Wire, known: &mut [Option<Option<Sizes>>]) -> Opti
     found
 }
 
-/// The sizes of the pictures or cameras that a node makes or loads, from its parameters and input files.
+/// The sizes of the pictures or cameras that a node makes or loads, determined from its parameters and source
+/// files. `None` if they cannot be determined.
 fn own(graph: &Graph, node: usize) -> Option<Sizes> {
     let node = &graph.nodes[node];
     let pair = |width: u32, height: u32| vec![[u64::from(width), u64::from(height)]];

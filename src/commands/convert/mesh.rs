@@ -35,7 +35,7 @@ impl Convert {
         }
         std::io::stderr().lock().write_all(splats::lines(&notes).as_bytes())?;
         let (name, count) = (self.output.display(), mesh.triangles.len());
-        terminal::print(&format!("{name}: {count} triangles, {} bytes\n", bytes.len()))?;
+        terminal::print(&format!("wrote {name} (triangles: {count}, bytes: {})\n", bytes.len()))?;
         Ok(0)
     }
 

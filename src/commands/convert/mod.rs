@@ -93,7 +93,11 @@ impl Convert {
         }
         let text = format!("{}{}", splats::lines(&notes), splats::lines(&lost));
         std::io::stderr().lock().write_all(text.as_bytes())?;
-        terminal::print(&format!("{}: {count} splats, {} bytes\n", self.output.display(), bytes.len()))?;
+        terminal::print(&format!(
+            "wrote {} (splats: {count}, bytes: {})\n",
+            self.output.display(),
+            bytes.len()
+        ))?;
         Ok(0)
     }
 }
@@ -115,7 +119,7 @@ fn check_output(input: &Path, output: &Path) -> Result<(), NodeError> {
     Err(NodeError::new(what).hint("create it first"))
 }
 
-/// Warns if the floor of a scene indicates an up axis different from the assumed one.
+/// Warns if the floor of a scene indicates an up axis that differs from the assumed up axis.
 fn warn_of_floor(scene: &Splats, up: Up, notes: &mut Notes, cx: &Context) -> Result<(), NodeError> {
     cx.check()?;
     let level = nodes::geometry::level::of_splats(scene, None).filter(|level| level.is_sure());

@@ -1,11 +1,13 @@
 //! `graph`: a drawing of a graph with the state of its results.
 
+mod state;
 mod svg;
 
 use std::fmt::Write as _;
 
 use clap::{Args, ValueEnum};
-use engine::{Fate, Graph, Planned};
+use engine::{Graph, Planned};
+use state::state;
 use svg::svg;
 
 use crate::session::{EngineArgs, Error, GraphArgs};
@@ -52,19 +54,8 @@ fn too_large() -> Error {
     Error::usage("this graph is too large to draw as SVG; draw it with `--format dot` and Graphviz")
 }
 
-/// The word and the fill colour with which the drawing shows the state of a node.
-fn state(fate: &Fate) -> (&'static str, &'static str) {
-    match fate {
-        Fate::Known => ("known", "#cfe8cf"),
-        Fate::Lost => ("lost", "#ffe4c0"),
-        Fate::Runs(_) => ("runs", "#ffd9a0"),
-        Fate::Follows(_) => ("may run", "#fff0cc"),
-        Fate::Fails(_) => ("fails", "#f4b6b6"),
-        Fate::Unwanted => ("not wanted", "#e6e6e6"),
-    }
-}
-
-/// The wires of a graph, each as (from node, its output, to node, its input).
+/// The wires of a graph, each as (index of the source node, name of its output, index of the target node, name of
+/// its input).
 fn wires(graph: &Graph) -> Vec<(usize, &'static str, usize, &'static str)> {
     let mut all = Vec::new();
     for (below, node) in graph.nodes.iter().enumerate() {

@@ -1,11 +1,12 @@
-//! Draws graphs as SVG, with one column per step of the longest path.
+//! Draws graphs as SVG. The number of columns is the number of nodes on the longest path. Wires are routed around
+//! the nodes between their ends.
 
 use std::fmt::Write as _;
 
 use engine::{Columns, Graph, Planned};
 use trade::escape::escaped;
 
-use super::state;
+use super::state::state;
 
 /// Height of a box, in pixels.
 const HEIGHT: usize = 52;

@@ -28,7 +28,7 @@ fn quoted(text: &str) -> String {
     out + "\""
 }
 
-/// Writes a number as in a graph file: with a decimal point, and without digits that are only rounding errors.
+/// Writes a number as in a graph file, with a decimal point and without digits that come only from rounding errors.
 fn number(value: f64) -> String {
     let text = format!("{value:.9}");
     let text = text.trim_end_matches('0');
@@ -265,7 +265,7 @@ fn sure(confidence: f64) -> String {
     format!("{word} ({confidence:.2})")
 }
 
-/// Lists the assumptions, one per line, each with its confidence and its place in the graph.
+/// Lists the assumptions, one per line, each with its confidence and the line of the graph to edit.
 pub fn assumptions(survey: &Survey, graph: &str, path: &Path) -> String {
     let s = survey;
     let at = |begin: &str| {

@@ -11,11 +11,11 @@ use crate::session::Error;
 use crate::terminal;
 use survey::Survey;
 
-/// Creates a folder with a commented graph that runs as it is.
+/// Creates a folder with a commented graph that can be run without changes.
 ///
-/// Without files the scene is synthetic. With `--splats` and `--object` it measures which way is up, where the floor lies
-/// and how long a unit is, and chooses a place for the object and a camera. It prints what it assumed, how sure it is, and
-/// the line to edit.
+/// Without files the scene is synthetic. With `--splats` and `--object` it measures which way is up, where the
+/// floor lies and how long a unit is, and chooses a place for the object and a camera. It prints what it assumed,
+/// how sure it is, and the line to edit.
 #[derive(Debug, Args)]
 pub struct Init {
     /// The folder; created if it does not exist
@@ -62,8 +62,8 @@ To share it: `lightharmony pack graph.ron picture.lhb`; the recipient runs `ligh
 ";
 
 impl Init {
-    /// Writes the files. It is an error if the graph exists. An existing `.gitignore` or `README.md` is kept, since
-    /// most repositories have these files. Returns exit code 0, or 1 if a file cannot be used.
+    /// Writes the files. Returns an error if the graph file already exists. An existing `.gitignore` or `README.md`
+    /// is kept, since most repositories have these files. Returns exit code 0, or 1 if a file cannot be used.
     pub fn run(self) -> Result<u8, Error> {
         let path = |name: &str| self.folder.join(name);
         let is_there = |name: &str| std::fs::symlink_metadata(path(name)).is_ok();

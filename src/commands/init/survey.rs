@@ -14,7 +14,8 @@ use nodes::types::Rig;
 use crate::session::splats;
 use crate::session::standing::Standing;
 
-/// Range of radii in units. A scene of unknown scale is assumed to be in metres if its radius is in this range.
+/// Range of scene radii, in units. A scene of unknown scale is assumed to be in metres if its radius is in this
+/// range.
 const METRIC: [f64; 2] = [1.0, 100.0];
 /// Width and height of the first picture.
 pub const SIZE: [u32; 2] = [960, 540];
@@ -156,13 +157,13 @@ impl Survey {
         })
     }
 
-    /// Number of decimal places of lengths in this scene.
+    /// Number of decimal places with which lengths in this scene are written.
     pub fn decimals(&self) -> usize {
         decimals(&self.standing.stand)
     }
 }
 
-/// True if the scale of a scene is known well enough to be written to the graph.
+/// True if the measured scale of a scene is certain enough to be written to the graph.
 pub fn is_known(stand: &LevelEstimate) -> bool {
     stand.scale.metres_per_unit.is_some() && stand.scale.confidence >= 0.5
 }

@@ -20,17 +20,17 @@ use crate::session::standing::{Standing, UpBy};
 /// A picture as PNG, and the lines to print.
 type Drawn = (Vec<u8>, String);
 
-/// Side of the plan, in pixels.
+/// Side length of the plan, in pixels.
 const SIDE: usize = 1000;
 /// Width and height of a view, in pixels.
 const VIEW: [usize; 2] = [664, 498];
 /// Number of views.
 const VIEWS: usize = 4;
-/// Width and height of the printed cameras, in pixels.
+/// Width and height in pixels of the cameras that are printed.
 const PRINTED: [u32; 2] = [1280, 720];
-/// Height of the cameras of the views above the floor, in metres: the eye level of a person.
+/// Height above the floor of the cameras that show the views, in metres: the eye level of a person.
 const EYES: f64 = 1.55;
-/// Width of the picture of a panorama, in pixels.
+/// Width of the picture that is drawn for a panorama, in pixels.
 const PANORAMA: usize = 1600;
 
 /// The contents of the plan and the views.
@@ -125,8 +125,8 @@ pub(super) fn of_splats(file: &Path, cameras: Option<&Path>) -> Result<Drawn, No
     Ok((png, lines))
 }
 
-/// Draws a mesh, or an object with its base colours. Up is the axis that the format defines. If it defines none, up
-/// is the normal of the estimated floor.
+/// Draws a mesh, or an object with its base colours. The up direction is the axis that the format defines or, if it
+/// defines none, the normal of the estimated floor.
 pub(super) fn of_mesh(mesh: &Mesh, declared: Option<Up>) -> Result<Drawn, NodeError> {
     let measured = level::of_mesh(mesh, None).filter(LevelEstimate::is_sure);
     let axis = measured.as_ref().and_then(LevelEstimate::axis);

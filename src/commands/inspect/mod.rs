@@ -1,5 +1,6 @@
 //! `inspect`: prints the properties of a scene of splats, a mesh or a picture.
 
+mod answer;
 mod look;
 mod other;
 mod person;
@@ -10,15 +11,15 @@ use std::path::PathBuf;
 use clap::Args;
 use engine::{NodeError, Notes, Up};
 use nodes::geometry::inspect::mesh;
-use nodes::geometry::inspect::splats::{Inspection, inspect as splats_of};
+use nodes::geometry::inspect::splats::inspect as splats_of;
 use nodes::io::splats::Format;
 use nodes::kinds::load_mesh::MeshFrame;
-use serde::Serialize;
 
 use crate::session::Error;
 use crate::session::mesh as mesh_file;
 use crate::session::splats::{self, MemoryArgs};
 use crate::terminal;
+use answer::Answer;
 
 /// Prints the properties of a scene of splats, a mesh or a picture: size, up axis, floor, brightness, and probable
 /// mistakes.
@@ -30,7 +31,7 @@ pub struct Inspect {
     /// Print one JSON object on standard output
     #[arg(long)]
     pub json: bool,
-    /// Write a picture (PNG) with a plan of the scene, a grid, and views; their cameras are printed
+    /// Write a picture (PNG) with a plan of the scene, a grid, and views; the cameras of the views are printed
     #[arg(long, value_name = "PNG")]
     picture: Option<PathBuf>,
     /// The cameras of the capture, which indicate the up direction and good views
@@ -38,25 +39,6 @@ pub struct Inspect {
     cameras: Option<PathBuf>,
     #[command(flatten)]
     memory: MemoryArgs,
-}
-
-/// The measured properties, which are printed as text or as JSON.
-#[derive(Serialize)]
-struct Answer<'a> {
-    file: String,
-    /// Type of the content: `splats`, `mesh` or `picture`.
-    holds: &'static str,
-    format: Option<&'static str>,
-    /// The up axis that the format defines; `None` if it defines none. Coordinates are reported as stored in either
-    /// case.
-    declared_up: Option<&'static str>,
-    #[serde(flatten)]
-    scene: Option<&'a Inspection>,
-    #[serde(flatten)]
-    mesh: Option<&'a mesh::Inspection>,
-    #[serde(flatten)]
-    picture: Option<&'a picture::Inspection>,
-    notes: &'a Notes,
 }
 
 impl Inspect {

@@ -1,4 +1,4 @@
-//! Types of files that hold neither splats nor a mesh, and the kinds of nodes that read them.
+//! Types of files that contain neither splats nor a mesh, and the kinds of nodes that read these files.
 
 use std::path::Path;
 

@@ -5,7 +5,8 @@ use std::fmt::Write as _;
 use nodes::geometry::inspect::{Extent, Finding, FloorGuess, mesh, splats::Inspection};
 use nodes::geometry::level::LevelEstimate;
 
-use super::{Answer, picture};
+use super::answer::Answer;
+use super::picture;
 use crate::session::splats;
 
 /// Formats lengths with the number of digits that the size of the scene needs.
@@ -58,7 +59,7 @@ impl Lines {
         let Some(floor) = floor else {
             return self.line(
                 "up, guessed",
-                "not found: no plane holds more of the surface than expected by chance".to_owned(),
+                "not found: no plane contains more of the surface than expected by chance".to_owned(),
             );
         };
         let (axis, sign) = (&floor.up[1..], if floor.up.starts_with('-') { -1.0 } else { 1.0 });
@@ -140,7 +141,7 @@ fn of_picture(text: &mut Lines, picture: &picture::Inspection) {
 }
 
 fn of_mesh(text: &mut Lines, mesh: &mesh::Inspection, declared_up: Option<&str>) {
-    text.line("mesh", format!("{} triangles, {} vertices", mesh.triangles, mesh.vertices));
+    text.line("mesh", format!("triangles: {}, vertices: {}", mesh.triangles, mesh.vertices));
     text.line("colours", if mesh.coloured { "of the vertices" } else { "none" }.to_owned());
     let ruler = Ruler::of(mesh.bounds.map_or(0.0, |bounds| bounds.diagonal()));
     if let Some(bounds) = &mesh.bounds {
@@ -150,10 +151,10 @@ fn of_mesh(text: &mut Lines, mesh: &mesh::Inspection, declared_up: Option<&str>)
     text.line(
         "closed",
         if mesh.is_closed() {
-            "yes: every edge has two consistently oriented triangles".to_owned()
+            "yes (every edge has two consistently oriented triangles)".to_owned()
         } else {
             format!(
-                "no: {} open edges, {} edges with more than two or inconsistent triangles",
+                "no (open edges: {}, edges with more than two triangles or with inconsistent orientation: {})",
                 mesh.open_edges, mesh.odd_edges
             )
         },
@@ -192,7 +193,7 @@ fn of_splats(text: &mut Lines, scene: &Inspection, declared_up: Option<&str>) {
         text.line(
             "sizes",
             format!(
-                "median {:.2e}, 99 % below {:.2e}, largest {:.2e}; {:.0} % flat, {:.1} % needles",
+                "median {:.2e}, 99 % below {:.2e}, largest {:.2e}; {:.0} % are flat, {:.1} % are needles",
                 sizes.median_longest,
                 sizes.p99_longest,
                 sizes.longest,
@@ -205,7 +206,7 @@ fn of_splats(text: &mut Lines, scene: &Inspection, declared_up: Option<&str>) {
         text.line(
             "opacities",
             format!(
-                "median {:.3}, {:.0} % above 0.95, {:.0} % too faint to be drawn",
+                "median {:.3}; {:.0} % are above 0.95, {:.0} % are too faint to be drawn",
                 opacities.median,
                 opacities.opaque * 100.0,
                 opacities.unseen * 100.0

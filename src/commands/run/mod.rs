@@ -31,8 +31,8 @@ pub struct Run {
     #[arg(long, default_value = "out", value_name = "DIR")]
     out: PathBuf,
     /// Take samples until the standard error of shadow and object is at most this, such as 0.01. The maximum number
-    /// of samples is that of the graph, even if a preset sets fewer. Sets `max_error` of every node that has this
-    /// parameter
+    /// of samples is the number in the graph, even if a preset sets fewer. Sets `max_error` of every node that has
+    /// this parameter
     #[arg(long, value_name = "ERROR", conflicts_with = "time", allow_negative_numbers = true)]
     max_error: Option<f64>,
     /// Take as many samples as the forecast allows in this time, such as 10s or 5m, but at most as many as the
@@ -54,7 +54,7 @@ pub struct Run {
     verbose: bool,
 }
 
-/// Maximum number of nodes of a graph that is planned only to get a forecast, since planning takes time.
+/// A graph with more nodes than this is not planned only to get a forecast, since planning takes time.
 const MOST_PLANNED: usize = 2000;
 
 impl Run {
@@ -160,8 +160,8 @@ impl Run {
         Ok(outcome.totals.exit_code())
     }
 
-    /// Reports the last run again if nothing has changed; see [`run_unchanged`]. Returns `None` for options that
-    /// need the graph.
+    /// If nothing has changed since the last run, reports the outcome of that run again; see [`run_unchanged`].
+    /// Returns `None` if something has changed, or for options that need the graph.
     fn unchanged(&self, origin: &Origin) -> Result<Option<Outcome>, Error> {
         let asked = self.max_error.is_some() || self.time.is_some() || self.locked || self.trace.is_some();
         if asked || !self.graph.only.is_empty() || self.graph.frames.is_some() {
@@ -207,7 +207,7 @@ impl Run {
         Ok((outcome.totals.stopped || outcome.failures.is_some()).then(|| outcome.totals.exit_code()))
     }
 
-    /// Returns the graph with the number of samples that fits the time, and prints that number.
+    /// Returns the graph with the largest number of samples whose forecast fits the time, and prints that number.
     fn in_time(&self, loaded: Loaded, engine: &Engine, time: Duration) -> Result<Loaded, Error> {
         let seconds = time.as_secs_f64();
         let (loaded, chosen, forecast) = budget::to_time(loaded, engine, seconds)?;

@@ -33,7 +33,7 @@ impl Trace {
         }
     }
 
-    /// The contents of the file.
+    /// The content of the trace file.
     pub fn finish(mut self) -> Vec<u8> {
         for span in &mut self.spans {
             let node = span["args"]["node"].as_str().and_then(|id| self.nodes.get(id));

@@ -49,7 +49,8 @@ pub(super) fn sheet(views: &[NamedImage], exposure: f32) -> (Raster, Vec<String>
     (raster, ranges)
 }
 
-/// The 8-bit RGB codes of a picture and, if it is not a colour picture, the range of its values.
+/// The RGB codes (0 to 255) of a picture and, if it is not a colour picture, a description of the range of its
+/// values.
 fn shown(picture: &Picture, exposure: f32) -> (Vec<u16>, Option<String>) {
     let (_, _, channels) = picture.size();
     let pixels = picture.samples().chunks_exact(channels.max(1));

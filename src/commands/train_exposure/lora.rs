@@ -22,7 +22,7 @@ pub struct TrainLora {
     /// The encoded prompt: tensors `t5` and `clip`
     #[arg(long, default_value = "prompt.safetensors")]
     prompt: PathBuf,
-    /// Rank of the updates; alpha is equal to it
+    /// Rank of the updates; alpha has the same value
     #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u64).range(1..=1024))]
     rank: u64,
     /// Learning rate: the approximate change of a weight per step
@@ -68,11 +68,12 @@ impl TrainLora {
         let done = lora::train(panoramas, &plan, out, &is_stopped, &mut show).map_err(|e| e.to_string())?;
         follow.end();
         if !done {
-            terminal::error("interrupted; the same command continues from here");
+            terminal::error("interrupted; run the same command again to continue");
             return Ok(130);
         }
         let loss = smooth.map_or(String::new(), |loss| format!(", loss {loss:.4}"));
-        terminal::print(&format!("{}: {steps} steps{loss}\n", out.display())).map_err(|e| e.to_string())?;
+        terminal::print(&format!("wrote {} (steps: {steps}{loss})\n", out.display()))
+            .map_err(|e| e.to_string())?;
         Ok(0)
     }
 }

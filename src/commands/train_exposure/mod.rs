@@ -33,7 +33,7 @@ pub struct TrainExposure {
     /// cross-validation
     #[arg(long, default_value_t = 6, value_parser = clap::value_parser!(u64).range(0..=64))]
     folds: u64,
-    /// Number of procedural panoramas in addition to those of the folder
+    /// Number of procedural panoramas in addition to the panoramas in the folder
     #[arg(long, default_value_t = 160, value_parser = clap::value_parser!(u32).range(0..=100_000))]
     procedural: u32,
     /// Number of training steps of each network
@@ -103,7 +103,7 @@ impl TrainExposure {
         let trained = training::train(panoramas, &plan, &parts, &mut show).map_err(|e| e.to_string())?;
         follow.end();
         let Some(trained) = trained else {
-            terminal::error("interrupted; the same command continues from here");
+            terminal::error("interrupted; run the same command again to continue");
             return Ok(130);
         };
         cache::publish_file(&self.out, &trained.weights).map_err(|e| e.to_string())?;
@@ -118,7 +118,7 @@ impl TrainExposure {
             cache::publish_file(path, trained.numbers.as_bytes()).map_err(|e| e.to_string())?;
         }
         let text = format!(
-            "{}{}{}: {} bytes\n",
+            "{}{}wrote {} (bytes: {})\n",
             table("", &trained.scores),
             table(", finer", &trained.finer),
             self.out.display(),
@@ -139,7 +139,7 @@ fn panoramas(folder: &Path) -> Result<Vec<PathBuf>, String> {
     paths.retain(|path| is(path, "exr") || is(path, "hdr"));
     paths.sort();
     if paths.is_empty() {
-        return Err(format!("`{}` holds no .exr or .hdr file", folder.display()));
+        return Err(format!("`{}` contains no .exr or .hdr file", folder.display()));
     }
     Ok(paths)
 }
@@ -154,8 +154,8 @@ fn read_folder(folder: &Path) -> Result<Vec<(String, nodes::types::Image<nodes::
     panoramas(folder)?.iter().map(read).collect()
 }
 
-/// Formats the mean and median errors, in stops, over panoramas that were not in the training set. There is one row
-/// for each measure; `of` is appended to the title of each row.
+/// Formats a table of the mean and median errors, in stops, over panoramas outside the training set. The table has
+/// one row per measure of error, and `of` is appended to the title of each row.
 fn table(of: &str, scores: &[Score]) -> String {
     if scores.is_empty() {
         return String::new();

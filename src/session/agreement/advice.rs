@@ -8,10 +8,10 @@ use nodes::kinds::load_splats::LoadSplats;
 use nodes::render::agreement::{Comparison, Finding, Likely, Moved, Regions};
 use nodes::types::frame::{Similarity, world_from_gltf};
 
-use super::{Pair, above};
+use super::pair::{self, Pair, above};
 
 /// The findings about a pair of splats and mesh, as text.
-pub fn texts(graph: &Graph, pair: &Pair, found: &Comparison) -> Vec<super::Finding> {
+pub fn texts(graph: &Graph, pair: &Pair, found: &Comparison) -> Vec<pair::Finding> {
     let name = |node: usize| graph.nodes[node].id.as_str();
     let (splats, mesh) = (name(pair.splats.node), name(pair.mesh.node));
     let percent = 100.0 * found.agreement;
@@ -63,7 +63,7 @@ pub fn texts(graph: &Graph, pair: &Pair, found: &Comparison) -> Vec<super::Findi
     found.findings().into_iter().map(text).collect()
 }
 
-/// How large the regions are and where they are, as text.
+/// Describes the sizes and positions of regions.
 fn place(regions: &Regions) -> String {
     let views = if regions.view.is_empty() {
         "the views around the object".to_owned()
@@ -74,7 +74,7 @@ fn place(regions: &Regions) -> String {
     format!("{percent:.1} % of the pixels of {views}; the largest part is near {}", vector(regions.at))
 }
 
-/// The transform with which splats and mesh agree, and the parameter that applies it, as text.
+/// Describes the transform with which splats and mesh agree, and the parameter that applies it.
 fn moved(graph: &Graph, pair: &Pair, best: &Moved) -> String {
     let (by, wire, input, kind, what) = match best.likely {
         Likely::Mesh => (best.by, pair.mesh, "mesh", "load-mesh", "mesh"),
@@ -108,14 +108,14 @@ fn moved(graph: &Graph, pair: &Pair, best: &Moved) -> String {
     )
 }
 
-/// True if two transforms are equal within the accuracy of the search.
+/// True if two transforms are equal up to the accuracy of the search.
 fn near(a: &Similarity, b: &Similarity) -> bool {
     let off = a.rotation - b.rotation;
     let turned = off.x_axis.length().max(off.y_axis.length()).max(off.z_axis.length());
     turned < 1e-6 && (a.scale / b.scale - 1.0).abs() < 0.03 && b.offset.length() < 1e-9
 }
 
-/// A transform of the mesh or the splats, as text.
+/// Describes a transform of the mesh or of the splats.
 fn change(by: &Similarity, what: &str, best: &Moved) -> String {
     let mut parts = Vec::new();
     if (by.scale - 1.0).abs() > 1e-9 {
@@ -134,7 +134,7 @@ fn change(by: &Similarity, what: &str, best: &Moved) -> String {
     format!("with the {what} {}", parts.join(" and "))
 }
 
-/// A matrix in the notation of graphs.
+/// The matrix of a transform in the notation of graph files.
 fn rows(by: &Similarity) -> String {
     let smallest = 1e-9 * by.scale.max(by.offset.length());
     let one = |value: &f64| if value.abs() < smallest { "0.0".to_owned() } else { digits(*value, 6) };

@@ -6,19 +6,20 @@ use engine::{Engine, Graph, Wire};
 use nodes::geometry::before_object::{Depths, share};
 use nodes::types::{Images, Picture};
 
-use super::{Finding, of_kind, wires};
+use super::pair::{Finding, of_kind};
+use crate::session::wires;
 
 /// Maximum number of compared pairs. A pair consists of a picture of splats and a trace; only its first view is
 /// compared. This bounds the time of the check.
 const MOST_PAIRS: usize = 4;
 /// Splats in front of an object are reported if they cover at least this share of its pixels. A smaller share is
-/// normal, because splats are wider than the mesh that they agree with: along the edge of a post in front of an
-/// object, they covered 11 % of the object.
+/// normal, because splats extend beyond the surface that they represent. For example, the splats of a post in front
+/// of an object covered 11 % of the object along the edge of the post.
 const LEAST: f64 = 0.2;
 
 /// Compares each picture of splats with each trace of the same cameras. `ran` has the names of the nodes that this
-/// run computed. A pair without any of them is skipped, since an earlier run reported its findings. Pairs whose
-/// values are not in the cache are left out.
+/// run computed. A pair that contains none of these nodes is skipped, since an earlier run reported its findings.
+/// Pairs whose values are not in the cache are left out.
 pub fn findings(engine: &Engine, graph: &Graph, ran: &BTreeSet<String>) -> Vec<Finding> {
     let is_new = |node: usize| ran.contains(graph.nodes[node].id.as_str());
     let new = pairs(graph).into_iter().filter(|&(splats, trace)| is_new(splats) || is_new(trace));
@@ -55,7 +56,7 @@ fn pairs(graph: &Graph) -> Vec<(usize, usize)> {
     pairs
 }
 
-/// Share of the object pixels with splats in front of the object, in the first view of a pair.
+/// Share of the object's pixels that have splats in front of the object, in the first view of a pair.
 fn of_pair(engine: &Engine, graph: &Graph, splats: usize, trace: usize) -> Option<f64> {
     let picture = |node: usize, output: &str| -> Option<Picture> {
         let port = graph.nodes[node].kind.outputs.iter().position(|port| port.name == output)?;

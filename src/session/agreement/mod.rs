@@ -2,6 +2,7 @@
 
 mod advice;
 mod before_object;
+mod pair;
 
 use std::collections::BTreeSet;
 
@@ -13,6 +14,8 @@ use nodes::render::agreement::{Comparison, Place, compare};
 use nodes::types::{Mesh, Placed, Rig, Splats};
 
 use super::wires;
+pub use pair::Finding;
+use pair::{Pair, above, of_kind};
 
 /// Maximum number of pairs of splats and mesh that are compared. This bounds the time of the check.
 const MOST_PLACES: usize = 2;
@@ -20,19 +23,6 @@ const MOST_PLACES: usize = 2;
 const MOST_INPUTS: usize = 3;
 /// Kinds that make the mesh of a place from its splats. Such a mesh is always in the frame of the splats.
 const MADE_OF_SPLATS: [&str; 2] = ["extract-mesh", "plane"];
-
-/// A finding: its id, and a text that names the nodes.
-pub type Finding = (&'static str, String);
-
-/// Splats and a mesh that are rendered with the same cameras, and the wires of these cameras and of the inserted
-/// objects.
-#[derive(Debug, PartialEq)]
-struct Pair {
-    splats: Wire,
-    mesh: Wire,
-    rigs: Vec<Wire>,
-    objects: Vec<Wire>,
-}
 
 /// Checks the pairs of splats and mesh of a graph. `ran` has the names of the nodes that this run computed. A pair
 /// is skipped if this run computed neither its splats nor its mesh nor its cameras, since an earlier run reported
@@ -56,16 +46,6 @@ pub fn findings(engine: &Engine, graph: &Graph, ran: &BTreeSet<String>) -> Vec<F
 /// True if a mesh is made from splats.
 fn is_made_of_splats(graph: &Graph, mesh: usize) -> bool {
     above(graph, mesh, "mesh").any(|node| MADE_OF_SPLATS.contains(&graph.nodes[node].kind.name))
-}
-
-/// The given node, the node that the first wire of its input `input` comes from, and so on upstream.
-fn above<'a>(graph: &'a Graph, node: usize, input: &'a str) -> impl Iterator<Item = usize> + 'a {
-    std::iter::successors(Some(node), move |&node| wires(graph, node, input).first().map(|wire| wire.node))
-}
-
-/// Indices of the nodes of a kind.
-fn of_kind<'a>(graph: &'a Graph, kind: &'a str) -> impl Iterator<Item = usize> + 'a {
-    (0..graph.nodes.len()).filter(move |&node| graph.nodes[node].kind.name == kind)
 }
 
 /// Pairs of splats and a receiver that are rendered with the same cameras. Each pair is listed once.

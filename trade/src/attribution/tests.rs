@@ -190,7 +190,7 @@ fn holes_are_not_touched(engine: &Engine) {
     assert!((black.1 - white.1).abs() < 0.1 * black.1, "{black:?} {white:?}");
 }
 
-/// Checks which pictures are judged. Pictures whose size is set by a knob are not judged; layers are judged only if
+/// Checks which pictures are judged. Pictures whose size is set by a knob are not judged. Layers are judged only if
 /// there are no other pictures.
 fn what_is_judged(engine: &Engine) {
     let save = "save:   WriteImage(image: \"final\", path: \"final.png\")";
@@ -277,8 +277,8 @@ fn what_varies_stays(engine: &Engine) {
     }
 }
 
-/// Checks the counts of every node at each preset against stored ones, which are the same on every machine. Run
-/// with `UPDATE_GOLDEN=1` to update the stored counts.
+/// Checks the counts of every node at each preset against stored counts, which are valid on every machine. Run with
+/// `UPDATE_GOLDEN=1` to update the stored counts.
 fn counts_are_known(mut bench: Bench<'_>) {
     let mut text = "preset\tnode\tcounts\n".to_owned();
     for (level, name) in engine::PRESETS.iter().enumerate() {

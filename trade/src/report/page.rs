@@ -187,7 +187,7 @@ fn attribution(
     let mut text = format!("The error of the current settings is {}. ", metric.shown(error));
     text.push_str("The first column is the error with only this node at the reference");
     text.push_str(if both {
-        ", the second the error with all other nodes at the reference. The remainder is due to interactions between nodes."
+        ", the second the error with all other nodes at the reference. The errors in the second column need not add up to the error of the current settings, since nodes interact."
     } else {
         "."
     });
@@ -197,12 +197,14 @@ fn attribution(
             let own = metric.shown(Some(own));
             format!("`{node}` is the bottleneck: its own error is {own}.")
         }
-        Blame::Helps(node) => format!("Setting `{node}` to the reference helps most."),
+        Blame::Helps(node) => {
+            format!("The error falls most if only `{node}` is set to its reference setting.")
+        }
         Blame::None if both => "No node has an error of its own.".to_owned(),
-        Blame::None => "Setting a single node to the reference does not help.".to_owned(),
+        Blame::None => "Setting a single node to the reference does not reduce the error.".to_owned(),
         Blame::Unknown => {
             format!(
-                "The bottleneck is unknown, since {} was not computed. It needs {}.",
+                "The bottleneck is unknown, since the metric `{}` was not computed. This metric needs {}.",
                 metric.name,
                 metric.needs()
             )

@@ -30,7 +30,8 @@ impl Effect {
         Self { cost: 1.0 / self.cost, square: -self.square }
     }
 
-    /// Returns the position `assignment` with a forecast cost and error: those of `from`, changed by this effect.
+    /// Returns the position `assignment` with its forecast cost and error, which are the cost and error of `from`
+    /// changed by this effect.
     fn on(self, from: &Tried, assignment: Vec<usize>) -> Tried {
         let error = (from.error * from.error + self.square).max(0.0).sqrt();
         Tried { assignment, cost: from.cost * self.cost, error }

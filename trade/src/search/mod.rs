@@ -26,7 +26,8 @@ pub struct Steps {
     pub values: usize,
     /// Number of values by which the search moves in one step.
     pub step: usize,
-    /// True if the values are sorted by increasing work; false if they have no order, such as methods.
+    /// True if the values are sorted by increasing work; false if they have no order, for example if they are names
+    /// of methods.
     pub ordered: bool,
 }
 
@@ -42,7 +43,8 @@ pub struct Steps {
 ///
 /// Changes that reduce the value to minimize are tried first, then changes that reduce the bounded value, then half
 /// steps. The search may miss better positions if the start spends cost on knobs with little effect, or on two
-/// knobs that help only together. So it is repeated from the start that misses the goal by the least.
+/// knobs that help only together. It is therefore repeated from the start that comes closest to the goal without
+/// reaching it.
 pub fn search(
     starts: &[Vec<usize>],
     knobs: &[Steps],
@@ -107,8 +109,8 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
         if self.tried[least].fits(self.goal) { self.improve(least) } else { Some(()) }
     }
 
-    /// The measured position with the smallest bounded value. If no position reaches the goal, this one misses it
-    /// by the least.
+    /// The measured position with the smallest bounded value. If no position reaches the goal, this position comes
+    /// closest to it.
     fn nearest(&self) -> Option<usize> {
         (0..self.tried.len()).reduce(|a, b| if self.bounded(b) < self.bounded(a) { b } else { a })
     }

@@ -63,7 +63,8 @@ pub fn pareto(tried: &[Tried]) -> Vec<usize> {
     by_cost
 }
 
-/// The index of the best position that reaches the goal. If several are equally good, the first of them.
+/// The index of the best position that reaches the goal. If several positions are equally good, the index of the
+/// first.
 pub fn best(tried: &[Tried], goal: Goal) -> Option<usize> {
     let fitting = (0..tried.len()).filter(|&at| tried[at].fits(goal));
     fitting.reduce(|a, b| if tried[b].beats(&tried[a], goal) { b } else { a })

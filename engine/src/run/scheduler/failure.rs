@@ -8,7 +8,7 @@ use crate::value::counts::Counts;
 use crate::value::error::NodeError;
 
 impl Run<'_> {
-    /// Marks a node as failed. All nodes below it are skipped; everything else continues.
+    /// Marks a node as failed. All nodes downstream of it are skipped; everything else continues.
     pub fn fail(&mut self, index: usize, error: &NodeError) {
         if error.is_cancelled() {
             return self.skip(index);
@@ -21,7 +21,7 @@ impl Run<'_> {
         self.give_up(index, Life::Failed);
     }
 
-    /// Skips a node. Other nodes that wait for it because they have the same key are tried instead, since their
+    /// Skips a node. The nodes that wait for it because they have the same key are tried instead, since their
     /// inputs may be in memory.
     pub fn skip(&mut self, index: usize) {
         for follower in self.take_followers(index) {
@@ -32,7 +32,7 @@ impl Run<'_> {
         self.give_up(index, Life::Skipped);
     }
 
-    /// Removes a node and all unresolved nodes below it from the run.
+    /// Removes a node and all unresolved nodes downstream of it from the run.
     fn give_up(&mut self, index: usize, life: Life) {
         let graph = self.graph;
         self.leave(index, life);
@@ -105,8 +105,8 @@ impl Run<'_> {
         });
     }
 
-    /// Gives up the values of a node: everything that waits for them is skipped. Nodes below that are known by
-    /// digest stay known.
+    /// Gives up the values of a node and skips everything that waits for them. Downstream nodes whose outputs are
+    /// known by digest keep their results.
     pub fn lose(&mut self, index: usize, error: Option<&NodeError>) {
         let mut error = error.filter(|error| !error.is_cancelled());
         let mut lost = vec![index];

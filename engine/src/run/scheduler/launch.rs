@@ -9,8 +9,10 @@ use crate::record::action::{Action, sizes};
 use crate::record::record::Output;
 use crate::run::event::Event;
 use crate::run::job::Job;
+use crate::run::message::Finished;
 use crate::run::queue::Parked;
 use crate::run::scheduler::Run;
+use crate::run::time_estimate::TimeEstimate;
 use crate::value::artifact::AnyArtifact;
 use crate::value::error::NodeError;
 use crate::value::root::FileHead;
@@ -18,45 +20,61 @@ use crate::value::units::bytes_text;
 
 /// Pause before the second check of whether a result is still being computed elsewhere.
 const FIRST_PAUSE: Duration = Duration::from_millis(5);
-/// Maximum pause between two such checks.
+/// Maximum pause between two checks of whether a result is still being computed elsewhere.
 const LONGEST_PAUSE: Duration = Duration::from_millis(80);
-/// A node is short if its forecast in seconds is below this. Short nodes do not wait for other nodes to end.
-const SHORT: f64 = 1.0;
 /// Time after which a warning reports that a node waits for another process.
 const REPORT_AFTER: Duration = Duration::from_secs(2);
 
 impl<'a> Run<'a> {
     /// Starts queued nodes while threads and memory are available. If no node runs, the next one starts even if
-    /// less memory is available than it needs.
+    /// less memory is available than it needs. While a node waits for memory, only short nodes start.
     pub fn launch(&mut self) {
-        while let Some(index) = self.queue.next_queued() {
-            let bytes = match self.cost(index) {
-                Ok(bytes) => bytes,
-                Err(error) => {
-                    self.fail_or_lose(index, &error);
-                    continue;
-                }
-            };
-            if !self.queue.nothing_runs() && !self.memory.fits(bytes) {
+        let now = Instant::now();
+        while let Some(index) = self.queue.next_queued(&self.slots, now) {
+            let Some(bytes) = self.cost_or_fail(index) else { continue };
+            if self.queue.nothing_runs() || self.memory.fits(bytes) {
+                self.start(index, bytes, now);
+                continue;
+            }
+            let Some(short) = self.queue.next_short(&self.slots, now) else { return };
+            let Some(bytes) = self.cost_or_fail(short) else { continue };
+            if !self.memory.fits(bytes) {
                 return;
             }
-            self.start(index, bytes);
+            self.start(short, bytes, now);
         }
     }
 
-    /// Computes the work of a node with known inputs, and determines whether its forecast is below [`SHORT`].
+    /// The memory in bytes that the code of a node needs. If it cannot be estimated or is more than the budget, the
+    /// node fails, and the result is `None`.
+    fn cost_or_fail(&mut self, index: usize) -> Option<u64> {
+        let cost = self.cost(index);
+        cost.map_err(|error| self.fail_or_lose(index, &error)).ok()
+    }
+
+    /// Estimates the time of a node with known inputs.
     pub fn forecast(&mut self, index: usize) -> Result<(), NodeError> {
         let (node, store) = (&self.graph.nodes[index], &self.engine.store);
         let output = |wire: Wire| -> &Output {
             &self.slots[wire.node].record.as_ref().expect("inputs are resolved first").outputs[wire.port]
         };
         let sizes = sizes(node, &self.slots[index].action.sources, output);
-        let work = node.step.work(&sizes)?;
-        let seconds = self.known.seconds(store, &node.kind, work);
-        let slot = &mut self.slots[index];
-        slot.work = work;
-        slot.short = node.kind.instant || seconds.is_some_and(|seconds| seconds < SHORT);
+        let (kind, work) = (node.kind.name, node.step.work(&sizes)?);
+        let seconds = if node.kind.instant { Some(0.0) } else { self.known.seconds(store, &node.kind, work) };
+        self.slots[index].time = TimeEstimate { kind, work, seconds };
         Ok(())
+    }
+
+    /// Records the time of a node that ran. Nodes of its kind that had no forecast get one.
+    pub fn learn(&mut self, index: usize, finished: &Finished) {
+        let store = &self.engine.store;
+        let kind = &self.graph.nodes[index].kind;
+        self.known.learn(kind, self.slots[index].time.work, finished.record.spent.seconds);
+        for other in self.queue.untimed(kind.name) {
+            let slot = &mut self.slots[other];
+            let seconds = self.known.seconds(store, kind, slot.time.work);
+            self.queue.set_time(other, slot, TimeEstimate { seconds, ..slot.time });
+        }
     }
 
     fn inputs(&self, index: usize) -> Vec<Vec<AnyArtifact>> {
@@ -93,7 +111,8 @@ impl<'a> Run<'a> {
         Ok(bytes)
     }
 
-    /// Total size of the values that a node reads, in bytes. Each value is counted once.
+    /// Total size of the values that a node reads, in bytes. A value that is read through several wires is counted
+    /// once.
     fn input_bytes(&self, index: usize) -> u64 {
         let mut wires: Vec<Wire> = self.graph.nodes[index].inputs.iter().flatten().copied().collect();
         wires.sort_unstable_by_key(|wire| (wire.node, wire.port));
@@ -105,7 +124,7 @@ impl<'a> Run<'a> {
             .sum()
     }
 
-    fn start(&mut self, index: usize, bytes: u64) {
+    fn start(&mut self, index: usize, bytes: u64, now: Instant) {
         let (graph, engine) = (self.graph, self.engine);
         let node = &graph.nodes[index];
         let digest = |w: &Wire| self.slots[w.node].record.as_ref().map(|r| r.outputs[w.port].digest);
@@ -114,7 +133,7 @@ impl<'a> Run<'a> {
             ports.map(|(port, wires)| (port.name, wires.iter().filter_map(digest).collect())).collect();
         let inputs = self.inputs(index);
         let slot = &mut self.slots[index];
-        self.queue.start(index, slot);
+        self.queue.start(index, slot, now);
         self.memory.reserve(slot, bytes);
         slot.storing = true;
         let job = Job {
@@ -132,7 +151,7 @@ impl<'a> Run<'a> {
                 key: slot.action.key.clone(),
             },
             remake: slot.remaking.is_some(),
-            work: slot.work,
+            work: slot.time.work,
             memory: bytes,
             tracer: self.tracer.clone(),
             cancel: self.options.cancel.clone(),
@@ -151,7 +170,7 @@ impl<'a> Run<'a> {
         self.queue.park(Parked { node, key, since, when, pause: FIRST_PAUSE }, slot);
     }
 
-    /// Queues each parked node whose key is no longer held by a process that makes progress.
+    /// Queues each parked node unless a process that makes progress still holds the lease of its key.
     pub fn unpark(&mut self) {
         let now = Instant::now();
         let store = &self.engine.store;

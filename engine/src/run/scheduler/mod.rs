@@ -72,7 +72,7 @@ pub(crate) struct Run<'a> {
     unstarted: Vec<Unstarted<'a>>,
     /// The nodes whose code is to run.
     queue: Queue,
-    /// Bytes of values and of running code.
+    /// Memory taken by values and reserved for running code.
     memory: Memory,
     /// Keys of this run.
     known: Known,
@@ -80,7 +80,7 @@ pub(crate) struct Run<'a> {
     scratch: Vec<u8>,
     /// The output files that sinks have claimed.
     claims: Claims,
-    /// True as long as all nodes were inspected and no file was written.
+    /// True if all nodes were inspected and no file has been written so far.
     unchanged: bool,
     /// Number of messages that threads still have to send.
     owed: usize,
@@ -105,14 +105,15 @@ impl<'a> Run<'a> {
         if self.unstarted.is_empty() {
             return;
         }
-        let workers = Workers::new(self.engine.threads(), self.engine.limits().jobs);
+        let jobs = self.engine.limits().jobs;
+        let workers = Workers::new(self.engine.threads(), Queue::most(jobs) + jobs);
         std::thread::scope(|scope| {
             let _closing = workers.closing();
             self.coordinate(scope, &workers, receiver);
         });
     }
 
-    /// Handles the failure to start a thread for a node: the node fails.
+    /// Marks a node as failed because no thread could be started for it.
     fn without_thread(&mut self, node: usize, is_code: bool, error: &std::io::Error) {
         let error =
             NodeError::new(format!("cannot start a thread: {error}")).hint("use fewer threads with `--jobs`");
@@ -269,12 +270,12 @@ impl<'a> Run<'a> {
     }
 
     fn end_running(&mut self, index: usize) {
-        self.queue.end(&self.slots[index]);
+        self.queue.end(index);
         self.memory.release(&mut self.slots[index]);
     }
 
     /// The warning about stored values that were missing. All of them are reported in one warning, since they have
-    /// one cause.
+    /// a common cause.
     fn gone_text(&self) -> Option<String> {
         const NAMED: usize = 3;
         if self.gone.is_empty() {

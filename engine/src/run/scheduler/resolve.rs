@@ -73,6 +73,9 @@ impl Run<'_> {
     }
 
     pub(super) fn finished(&mut self, index: usize, finished: Finished) {
+        if finished.ran {
+            self.learn(index, &finished);
+        }
         let Finished { mut record, values, mut effort, ran } = finished;
         // Work done before the node was parked belongs to this run as well.
         effort.add(&std::mem::take(&mut self.slots[index].effort));

@@ -5,6 +5,8 @@
 //!
 //! [`Slot::readers`]: crate::run::slot::Slot::readers
 
+use std::time::Instant;
+
 use cache::Digest;
 
 use crate::graph::node::Wire;
@@ -18,10 +20,11 @@ use crate::value::artifact::AnyArtifact;
 use crate::value::error::NodeError;
 
 impl<'a> Run<'a> {
-    /// Requests the input values of ready nodes. At most as many nodes as there are threads are supplied at once,
-    /// and none while memory is full, so that the values of a wide graph are not all loaded at once.
+    /// Requests the input values of ready nodes. About as many nodes as there are threads are supplied at once, and
+    /// none while memory is full, so that the values of a wide graph are not all loaded at once.
     pub fn supply(&mut self) {
-        while let Some(index) = self.queue.next_ready()
+        let now = Instant::now();
+        while let Some(index) = self.queue.next_ready(&self.slots, now)
             && (self.memory.has_room() || self.queue.is_idle())
         {
             self.queue.supply(index, &mut self.slots[index]);
@@ -123,7 +126,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Ends a rerun that only provides values, whatever its outcome.
+    /// Ends a rerun that only provides values, whether it succeeded or failed.
     pub fn end_remake(&mut self, index: usize) {
         let slot = &mut self.slots[index];
         if slot.remaking.is_none() {
@@ -144,6 +147,7 @@ impl<'a> Run<'a> {
             );
             return self.lose(index, Some(&error));
         }
+        self.learn(index, &finished);
         self.end_remake(index);
         self.totals.remade += 1;
         for (name, n) in &finished.effort.counts {

@@ -12,9 +12,9 @@
 //!        count, then for each value: blob                           ascending
 //! ..  m  the blobs in order, with nothing between, before or after
 //! ```
-//! Counts and lengths have 8 bytes. A name is stored as its length and its UTF-8 bytes, and a reference to a blob as its 4-byte
-//! index in the first list. Nothing is compressed, so nothing can be larger than the bundle itself, and every byte
-//! is covered by a digest. Equal parts give equal bytes.
+//! Counts and lengths have 8 bytes. A name is stored as its length and its UTF-8 bytes, and a reference to a blob
+//! as its 4-byte index in the first list. Nothing is compressed, so nothing can be larger than the bundle itself,
+//! and every byte is covered by a digest. Equal parts give equal bytes.
 
 use std::collections::BTreeMap;
 use std::io;

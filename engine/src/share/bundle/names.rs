@@ -43,8 +43,8 @@ pub(crate) fn wrong_name(name: &str) -> Option<&'static str> {
     })
 }
 
-/// The first name that conflicts with an earlier name. Two names conflict if they are equal except for case, or if
-/// one is a folder that contains the other.
+/// The first name that conflicts with an earlier name; `None` if there are no conflicts. Two names conflict if they
+/// are equal except for case, or if one is a folder that contains the other.
 pub(crate) fn clash<'n>(names: impl Iterator<Item = &'n str>) -> Option<String> {
     let (mut files, mut folders) = (BTreeSet::new(), BTreeSet::new());
     for name in names {

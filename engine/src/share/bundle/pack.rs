@@ -19,11 +19,11 @@ use crate::value::error::NodeError;
 /// Selects the nodes whose values become part of a bundle. Digests of all known results are always included.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Results {
-    /// No nodes.
+    /// Includes no values, only digests.
     Digests,
-    /// The targets, which are the sinks by default.
+    /// Includes the values of the targets, which are the sinks by default.
     Targets,
-    /// All nodes with stored values.
+    /// Includes all stored values.
     All,
 }
 
@@ -43,8 +43,8 @@ pub struct Packed {
 }
 
 impl Engine {
-    /// Writes a graph and everything that it needs as one bundle. Equal graphs, source files and results give equal
-    /// bytes, since the bundle contains no times and nothing about the machine or its folders.
+    /// Writes a graph, its source files and the selected results as one bundle. Equal content gives equal bytes,
+    /// since the bundle contains no times and nothing about the machine or its folders.
     ///
     /// # Errors
     /// If a file cannot be read, or if its path is not permitted in a bundle.
@@ -226,13 +226,13 @@ impl Places {
     }
 }
 
-/// True if a path ends in `.` or `..`.
+/// True if the last component of a path is `.` or `..`.
 fn is_dots(path: &str) -> bool {
     matches!(path.trim_end_matches('/').rsplit('/').next(), Some("." | ".."))
 }
 
-/// The parent folder of a path, as written but without a trailing slash; `/` for a file in the root. A path that
-/// ends in `.` or `..` is returned unchanged, since the folder's real name is unknown.
+/// The parent folder of a path, as written but without a trailing slash; `/` for a file in the root. A path whose
+/// last component is `.` or `..` is returned unchanged, since the real name of that folder is unknown.
 fn folder(path: &str) -> &str {
     let path = path.trim_end_matches('/');
     match path.rsplit_once('/') {

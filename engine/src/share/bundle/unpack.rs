@@ -124,7 +124,7 @@ impl<R: Read + Seek> Bundle<R> {
         let content = self.content_of(name);
         let content = content.ok_or_else(|| BundleError::Damaged(format!("it contains no `{name}`")))?;
         String::from_utf8(self.read(content)?)
-            .map_err(|_| BundleError::Damaged(format!("`{name}` is not text")))
+            .map_err(|_| BundleError::Damaged(format!("`{name}` is not UTF-8 text")))
     }
 }
 

@@ -45,7 +45,7 @@ pub struct VerifyOptions<'a> {
 /// The outcome for a recomputed node.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Verdict {
-    /// All outputs are equal to those in the bundle.
+    /// All outputs are equal to the outputs in the bundle.
     Equal,
     /// An output differs.
     Differs {
@@ -174,8 +174,8 @@ pub fn verify<R: Read + Seek>(
     Ok(Verified { nodes, known: known.len(), differences, failures: outcome.failures })
 }
 
-/// Compares two results of a node for the same key: the one in the bundle and the recomputed one. Each is given
-/// with the engine whose store has its values.
+/// Compares two results of a node for the same key: the result in the bundle and the recomputed result. Each is
+/// given with the engine whose store contains its values.
 fn verdict(ports: &[PortSpec], [claimed, made]: [(&Engine, &Record); 2]) -> Verdict {
     let mut pairs = ports.iter().zip(claimed.1.outputs.iter().zip(&made.1.outputs));
     let Some((port, (then, now))) = pairs.find(|(_, (then, now))| then.digest != now.digest) else {
@@ -187,7 +187,8 @@ fn verdict(ports: &[PortSpec], [claimed, made]: [(&Engine, &Record); 2]) -> Verd
     Verdict::Differs { output: port.name.to_owned(), difference }
 }
 
-/// The nodes to recompute. These are the nodes with the lowest hashes of seed and node name.
+/// Indices of the nodes to recompute. These are the nodes for which the hash of the seed and the node name is
+/// lowest.
 fn chosen(graph: &Graph, known: impl Iterator<Item = usize>, options: &VerifyOptions<'_>) -> BTreeSet<usize> {
     let rank = |index: usize| {
         *Digest::of(format!("{} {}", options.seed, graph.nodes[index].id).as_bytes()).as_bytes()

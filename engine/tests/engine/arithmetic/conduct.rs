@@ -86,11 +86,11 @@ simple!(
     }
 );
 
-/// Number of [`Heavy`] nodes that are running at the moment, and the maximum of this number so far.
+/// Number of [`Heavy`] nodes that are running now, and the maximum of this number so far.
 pub static HEAVY: (AtomicUsize, AtomicUsize) = (AtomicUsize::new(0), AtomicUsize::new(0));
 
 engine::params! {
-    /// Passes a number on, with a large estimate of its memory.
+    /// Passes a number on, and estimates that this needs a large amount of memory.
     pub struct Heavy {
         /// Estimated memory.
         megabytes: u32 = 1, unit("MB"), inert("claims memory only"), other("2");
@@ -149,9 +149,9 @@ engine::params! {
     pub struct WriteNumber {
         /// The file.
         path: OutputFile, other("\"b.txt\"");
-        /// True for one file per number instead of one file for all numbers.
+        /// If true, each number is written to its own file; otherwise all numbers are written to one file.
         each: bool = false, other("true");
-        /// Names of the views instead of `a`, `b` and so on.
+        /// Names of the views; by default `a`, `b` and so on.
         views: Vec<String> = Vec::new(), other("[\"x\"]");
     }
 }

@@ -22,12 +22,13 @@ pub fn registry_with(entry: KindEntry) -> Registry {
     Registry::new(others.collect()).with(entry)
 }
 
-/// The table of all kinds in this file, except that `scale` returns another result under the same name and version.
+/// The table of all kinds in this file, except that `scale` returns a different result under the same name and
+/// version.
 pub fn registry_of_a_cheat() -> Registry {
     registry_with(KindEntry::of::<Cheat>())
 }
 
-/// A `scale` with another result; see [`registry_of_a_cheat`].
+/// A `scale` that returns a different result; see [`registry_of_a_cheat`].
 pub struct Cheat;
 impl Kind for Cheat {
     const NAME: &'static str = "scale";
@@ -328,11 +329,11 @@ simple!(
 );
 
 engine::params! {
-    /// Computes the mean of `samples` numbers that are close to the input, in parts of 16 numbers.
+    /// Computes the mean of `samples` numbers that are close to the input. Each part of the work covers 16 numbers.
     pub struct Series {
         /// The number of samples.
         samples: u32 = 32, range(1, 4096), other("48");
-        /// Step between computed samples; 1 computes all of them.
+        /// The result contains `coarse - 1` as an additional term, so that a test can recognise a preview.
         coarse: u32 = 1, range(1, 64), other("2");
         /// Factor applied to the mean. The keys of the parts do not contain it.
         gain: f64 = 1.0, other("2.0");
@@ -411,7 +412,7 @@ impl Kind for Ramp {
 engine::params! {
     /// Sums a list.
     pub struct Sum {
-        /// Number of times that the sum is counted.
+        /// Factor applied to the sum.
         times: u32 = 1, range(1, 10), other("2");
     }
 }

@@ -1,4 +1,4 @@
-//! Gradients of the low-rank updates of the blocks, computed one block at a time.
+//! Gradients of the loss with respect to the low-rank updates, computed one block at a time.
 //!
 //! The forward pass keeps only the input of each block, and the backward pass computes each block again. So memory
 //! is needed only for the intermediate values of one block at a time, and for the gradients of the frozen weights
@@ -86,8 +86,8 @@ impl Transformer {
     }
 }
 
-/// Computes the gradients with respect to the inputs and variables of a block. `outputs` pairs each output of the
-/// block with the gradient of the loss with respect to this output.
+/// Computes the gradients of the loss with respect to the inputs and variables of a block. `outputs` pairs each
+/// output of the block with the gradient of the loss with respect to this output.
 fn back(outputs: &[(&Tensor, &Tensor)]) -> Result<GradStore> {
     let mut sum = Tensor::zeros((), outputs[0].0.dtype(), outputs[0].0.device())?;
     for (output, gradient) in outputs {

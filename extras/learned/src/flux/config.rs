@@ -25,8 +25,8 @@ pub struct Config {
     pub pooled: usize,
     /// Length of the embedding of a noise level.
     pub time: usize,
-    /// Numbers of channels per head that encode the frame, the row and the column of a token, respectively. All
-    /// three numbers are even.
+    /// Three even numbers: the channels per head that encode the frame, the row and the column of a token, in this
+    /// order.
     pub axes: [usize; 3],
     /// True if the guidance strength is an input of the network.
     pub guidance: bool,
@@ -140,7 +140,7 @@ impl Config {
             || config.axes.iter().any(|axis| axis % 2 != 0)
         {
             return Err(source.wrong(format!(
-                "its attention heads have {head} channels, but the RoPE axes {:?} are not even numbers that add up to this number; put the `config.json` of the model, which lists the correct axes, next to the file",
+                "its attention heads have {head} channels, but the RoPE axes are {:?}; these must be even numbers that add up to the number of channels. Put the `config.json` of the model, which lists the correct axes, next to the file",
                 config.axes
             )));
         }
@@ -179,7 +179,7 @@ impl Config {
         };
         if said != *self {
             let what = format!(
-                "it describes a model with the sizes {said:?}, but `{}` contains a model with the sizes {self:?}",
+                "it describes a model whose layer sizes differ from those in `{}`; use the `config.json` that belongs to that file",
                 file.display()
             );
             return Err(Error::file(&path, what));

@@ -24,7 +24,7 @@ use super::watch::Watch;
 pub struct Files {
     /// The transformer: a GGUF file, or a safetensors file with the tensor names of the model's authors or of
     /// `diffusers`. If the model is split into several safetensors files (shards), this is the path of the first
-    /// one.
+    /// shard.
     pub transformer: PathBuf,
     /// The autoencoder, a safetensors file.
     pub vae: PathBuf,
@@ -114,7 +114,7 @@ impl Kontext {
         let unit = if settings.seamless { 32 } else { 16 };
         if height == 0 || width == 0 || height % 16 != 0 || width % unit != 0 {
             return Err(Error::Mismatch(format!(
-                "cannot edit a picture of {width} x {height} pixels: the height must be a multiple of 16, and the width of {unit}"
+                "cannot edit a picture of {width} x {height} pixels: the height must be a multiple of 16, and the width a multiple of {unit}"
             )));
         }
         // Encoding and decoding take about as long as a step.

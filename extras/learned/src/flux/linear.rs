@@ -10,9 +10,9 @@ use super::error::{Error, Result};
 /// product that is computed with quantised numbers.
 #[derive(Debug)]
 pub enum Matrix {
-    /// Plain numbers.
+    /// Weights that are not quantised.
     Plain(Tensor),
-    /// Numbers quantised in blocks.
+    /// Weights that are quantised in blocks.
     Blocks(QTensor),
 }
 
@@ -52,8 +52,8 @@ pub struct Update {
 }
 
 /// A linear layer and its low-rank updates. The updates are applied separately and are not merged into the weights.
-/// This costs `rank / width` more work. In return, the updates are not rounded to the type of the weights, and
-/// quantised weights and training need no special case.
+/// This costs slightly more work, in proportion to the rank. In return, the updates are not rounded to the type of
+/// the weights, and quantised weights and training need no special case.
 #[derive(Debug)]
 pub struct Linear {
     name: String,

@@ -178,8 +178,8 @@ fn stem(key: &str) -> Option<(&str, Ending)> {
     Some((stem, ending))
 }
 
-/// The target of each module name that a LoRA file can contain. The names are those of both layouts, with dots and
-/// with underscores.
+/// The target of each module name that a LoRA file can contain. The names include the names of both layouts, with
+/// dots and with underscores.
 fn targets(config: &Config) -> BTreeMap<String, Target> {
     let mut targets = BTreeMap::new();
     for (module, rows, columns) in linears(config) {

@@ -1,4 +1,4 @@
-//! Estimate of the memory that an edit needs. It is made before any weights are read.
+//! Estimate of the memory that an edit needs, which is computed before any weights are read.
 
 use super::attention::MAX_SCORES;
 use super::config::Config;

@@ -26,7 +26,7 @@ pub struct Rotations {
 
 impl Rotations {
     /// The rotations of tokens at these places. `axes` contains the numbers of channels per head that are rotated
-    /// by the frame, the row and the column, respectively.
+    /// by the frame, the row and the column, in this order.
     pub fn new(places: &[Place], axes: [usize; 3], device: &Device) -> Result<Self> {
         const BASE: f64 = 10_000.0;
         let half = axes.iter().sum::<usize>() / 2;

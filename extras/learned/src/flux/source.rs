@@ -85,7 +85,7 @@ impl Source {
         Ok(source)
     }
 
-    /// The path of the first file. Messages about any of the files name this one.
+    /// The path of the first file. Error messages about any of the files name this path.
     pub fn path(&self) -> &Path {
         &self.files[0]
     }
@@ -163,7 +163,7 @@ fn safetensors_header(file: &mut File, path: &Path, index: usize) -> Result<Head
     let size = u64::from_le_bytes(size);
     if size > MAX_HEADER || size.saturating_add(8) > length {
         return Err(wrong(format!(
-            "its header claims to have {size} bytes, more than the file or the limit of {MAX_HEADER} bytes allows"
+            "its header claims to be {size} bytes long, which is longer than the file or than the limit of {MAX_HEADER} bytes"
         )));
     }
     let mut text = vec![0; size as usize];

@@ -24,7 +24,7 @@ use super::watch::Watch;
 pub struct TrainSettings {
     /// Rank of every update.
     pub rank: usize,
-    /// Parameter of the scale of each update: the update is `alpha / rank * up * down`.
+    /// Determines the scale of each update, which is `alpha / rank * up * down`.
     pub alpha: f64,
     /// Learning rate. Each step changes a weight by about this amount.
     pub rate: f64,
@@ -204,8 +204,8 @@ impl Trainer {
         self.done
     }
 
-    /// Index of the pair to use in the next step, if there are `count` pairs. Each round of `count` steps uses
-    /// every pair once, in an order that differs from round to round.
+    /// Index of the pair to use in the next step, where `count` is the number of pairs. Each round of `count` steps
+    /// uses every pair once, in an order that differs from round to round.
     pub fn next(&self, count: usize) -> usize {
         let (round, turn) = (self.done / count as u64, self.done % count as u64);
         let mut order: Vec<usize> = (0..count).collect();
@@ -265,7 +265,7 @@ impl Trainer {
         if said != Some(&settings) {
             let said = said.map_or("unknown settings", String::as_str);
             return Err(source.wrong(format!(
-                "the file belongs to a training run with {said}, not {settings}; remove the file to start again"
+                "the file belongs to a training run with other settings ({said}; now {settings}); remove the file to start again"
             )));
         }
         if source.metadata().get("from").map(String::as_str) != Some(learned_from) {

@@ -1,5 +1,5 @@
-//! The autoencoder of Flux.1. It converts between pictures and latents, whose width and height are an eighth of
-//! those of the picture.
+//! The autoencoder of Flux.1. It converts between pictures and latents. The width and height of latents are an
+//! eighth of the width and height of the picture.
 
 use std::path::Path;
 
@@ -21,7 +21,7 @@ use super::watch::Watch;
 pub struct VaeConfig {
     /// Number of channels at each of the picture sizes inside the network, starting with the full size.
     pub widths: Vec<usize>,
-    /// Number of residual blocks of the encoder at each picture size. The decoder has one more block at each size.
+    /// Number of residual blocks that the encoder has at each picture size. The decoder has one more at each size.
     pub blocks: usize,
     /// Number of channels of the latents.
     pub latents: usize,
@@ -89,7 +89,7 @@ impl VaeConfig {
         }
         if groups == 0 || config.widths.iter().any(|width| width % groups != 0) || config.scale == 0.0 {
             return Err(source.wrong(format!(
-                "its channel counts {:?} must be multiples of {groups}, the number of groups, and its scale, {}, must not be 0",
+                "its channel counts {:?} must be multiples of the number of groups ({groups}), and its scale ({}) must not be 0",
                 config.widths, config.scale
             )));
         }
@@ -101,8 +101,8 @@ impl VaeConfig {
 /// size.
 const LEVELS: usize = 4;
 
-/// Conversion of part names. This crate uses the names of the model's authors; a file may use the names of
-/// `diffusers`.
+/// Converts the names of parts to the names used in a file. This crate uses the names of the model's authors; a
+/// file may use the names of `diffusers`.
 struct Names {
     original: bool,
     levels: usize,
@@ -374,9 +374,9 @@ impl Vae {
         &self.config
     }
 
-    /// Encodes a picture of shape 3 x height x width with values from -1 to 1. Width and height of the latents are
-    /// an eighth of those of the picture. The encoder computes a distribution and returns its mean, so that the
-    /// same picture always gives the same latents.
+    /// Encodes a picture of shape 3 x height x width with values from -1 to 1. The width and height of the latents
+    /// are an eighth of the width and height of the picture. The encoder computes a distribution and returns its
+    /// mean, so that the same picture always gives the same latents.
     pub fn encode(&self, picture: &Tensor, edge: Edge, watch: &mut dyn Watch) -> Result<Tensor> {
         let mut x = picture.clone();
         for stage in &self.encoder {

@@ -27,8 +27,8 @@ fn grown(key: &str, size: usize) -> usize {
     }
 }
 
-/// The keys and shapes of the published model. They are derived from a file of the small model, whose blocks are
-/// repeated and whose sizes are replaced with those of the published model.
+/// The keys and shapes of the published model. They are derived from a file of the small model: its blocks are
+/// repeated, and its sizes are replaced with the sizes of the published model.
 fn keys(file: &str) -> Vec<(String, Vec<usize>)> {
     let small = Source::open(&fixture().join(file)).unwrap();
     let mut list = Vec::new();

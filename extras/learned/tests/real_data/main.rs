@@ -1,5 +1,5 @@
-//! Comparison with a reference: the tensors that `diffusers` computes for a small model with random weights. Other
-//! tests that need the small model are also here.
+//! Tests that compare this crate with a reference: the tensors that `diffusers` computes for a small model with
+//! random weights. Other tests that need the small model are here too.
 
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "tests")]
 
@@ -17,7 +17,7 @@ fn fixture() -> PathBuf {
 }
 
 /// Copies the small model's `config.json` into a folder. It is needed because the weights file does not contain the
-/// axes, and the heads are shorter than those of the published model.
+/// axes, and the heads of the small model have fewer channels than the heads of the published model.
 fn small_config(folder: &Path) {
     std::fs::copy(fixture().join("transformer/config.json"), folder.join("config.json")).unwrap();
 }

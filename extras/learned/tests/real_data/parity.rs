@@ -1,4 +1,5 @@
-//! Comparison with the reference. For each named tensor, prints the largest difference from the reference.
+//! Tests that compare each named tensor with the tensor that `diffusers` computes, and print the largest
+//! difference.
 
 use std::collections::BTreeMap;
 use std::path::Path;

@@ -71,8 +71,8 @@ impl Bvh {
         Ok(bvh)
     }
 
-    /// Appends finished pieces below the nodes of a binary tree. The leaves of `tree` are the indices of the
-    /// pieces.
+    /// Appends the nodes of finished pieces below the nodes of a binary tree. The leaves of `tree` are indices into
+    /// `pieces`.
     fn join(&mut self, pieces: Vec<Self>, tree: &[Branch]) {
         let boxes: Vec<_> = pieces.iter().map(|piece| piece.bounds.unwrap_or_default()).collect();
         let order: Vec<u32> = (0..pieces.len() as u32).collect();
@@ -122,7 +122,8 @@ struct Sifted {
 }
 
 impl Sifted {
-    /// Selects triangles from `corners`. `first` is the index of its first triangle in the mesh.
+    /// Selects triangles from `corners`, a consecutive part of a mesh. `first` is the index in the mesh of the
+    /// first of these triangles.
     fn of(corners: &[[Vec3; 3]], first: usize) -> Self {
         let (kept, boxes) = (Vec::with_capacity(corners.len()), Vec::with_capacity(corners.len()));
         let mut sifted = Self { kept, boxes, broken: 0, degenerate: 0 };
@@ -175,7 +176,7 @@ pub(super) struct Fold<'a> {
 }
 
 impl Fold<'_> {
-    /// Builds a tree of at most `deepest` levels. `is_piece` is true for a piece of a large tree.
+    /// Builds a tree of at most `deepest` levels. `is_piece` is true if the tree becomes a piece of a large tree.
     pub(super) fn built(mut self, deepest: usize, is_piece: bool) -> Bvh {
         // Each level except the last leaves all children but one waiting.
         if most_in_one_place(self.boxes) > CROWD || self.build_tree(is_piece) > deepest {
@@ -189,7 +190,7 @@ impl Fold<'_> {
         self.out
     }
 
-    /// Builds the tree and returns its depth. `large` is true for a piece of a large tree.
+    /// Builds the tree and returns its depth. `large` is true if the tree becomes a piece of a large tree.
     fn build_tree(&mut self, large: bool) -> usize {
         // The parameters of the preset "very slow", without splits and with cheaper reinsertion for large meshes. A
         // search depth of 1 keeps rays fast in meshes of mixed triangle sizes.
@@ -316,7 +317,7 @@ impl Fold<'_> {
 }
 
 /// Selects the children of a node by [`Opens::Fullest`]: beginning with the branch itself, the inner branch with
-/// the most triangles is replaced by its two children until there are eight children.
+/// the most triangles is replaced with its two children until there are eight children.
 fn fullest(tree: &[Branch], counts: &[u32], node: u32) -> Vec<u32> {
     let mut children = vec![node];
     while children.len() < WIDE {

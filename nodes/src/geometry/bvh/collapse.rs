@@ -1,6 +1,7 @@
 //! Selection of the branches of a binary tree that become children of eight-wide nodes.
 
-use super::WIDE;
+/// Number of children of a node.
+pub(super) const WIDE: usize = 8;
 
 /// A branch of a binary tree. Only the topology is stored, since boxes are computed from the leaves.
 #[derive(Clone, Copy)]
@@ -9,9 +10,9 @@ pub(super) enum Branch {
     Leaf { first: u32, count: u32 },
 }
 
-/// How a branch divides child slots between its two children. The index is the number of slots that the branch
-/// receives. The value is the number of these slots for the left child, or 0 if the branch is not divided and becomes
-/// a single child.
+/// Division of child slots between the two children of a branch. The index is the number of slots that the branch
+/// receives. The value is the number of these slots for the left child, or 0 if the branch is not divided and
+/// becomes a single child.
 type Shares = [u8; WIDE + 1];
 
 /// Selection of the inner branches that become nodes, such that rays visit the fewest nodes: the total surface area

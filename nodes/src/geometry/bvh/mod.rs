@@ -9,6 +9,7 @@
 mod build;
 mod collapse;
 mod divide;
+mod ray;
 mod stack;
 mod steps;
 mod triangles;
@@ -16,46 +17,12 @@ mod triangles;
 use fearless_simd::{Level, f32x8, prelude::*};
 use glam::Vec3;
 
+use collapse::WIDE;
 pub(crate) use divide::each;
+pub use ray::{Hit, Ray};
 use stack::{STACK, with_stack};
 pub use steps::Steps;
 use triangles::{Packet, Sheared};
-
-/// A ray: the points `origin + t * direction` for `t` up to `t_max`.
-#[derive(Debug, Clone, Copy)]
-pub struct Ray {
-    /// Start point. A hit at the start point itself does not count.
-    pub origin: Vec3,
-    /// Direction, of any length. Distances along the ray are in units of this length.
-    pub direction: Vec3,
-    /// Maximum distance, which may be infinite.
-    pub t_max: f32,
-}
-
-impl Ray {
-    /// Creates a ray without a maximum distance.
-    pub fn new(origin: Vec3, direction: Vec3) -> Self {
-        Self { origin, direction, t_max: f32::INFINITY }
-    }
-}
-
-/// Intersection of a ray with a triangle.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Hit {
-    /// Distance along the ray, in units of the length of the direction of the ray.
-    pub t: f32,
-    /// Index of the triangle among those given to [`Bvh::build`].
-    pub triangle: u32,
-    /// Barycentric weight of vertex 1.
-    pub b1: f32,
-    /// Barycentric weight of vertex 2.
-    pub b2: f32,
-    /// True if the ray hits the back of the triangle, which is the side from which the vertices run clockwise.
-    pub back: bool,
-}
-
-/// Number of children of a node.
-const WIDE: usize = 8;
 
 /// A node with the boxes of its eight children. `bounds[axis][0]` holds the lower faces of the boxes, and
 /// `bounds[axis][1]` the upper faces.
@@ -86,7 +53,7 @@ macro_rules! at_best {
                 || $walk,
             ),
             None => {
-                let $simd = $level.as_sse2().expect("it is part of x86-64");
+                let $simd = $level.as_sse2().expect("SSE2 is part of x86-64");
                 $walk
             }
         }
@@ -176,7 +143,8 @@ impl Bvh {
     }
 
     /// Returns the reciprocal of the direction of a ray. `None` if the ray misses the box around all triangles. For
-    /// a component of 0 the reciprocal is finite but so large that the ray never leaves its slab.
+    /// a component of 0 the reciprocal is finite but so large that the ray never leaves the slab of the box along
+    /// this axis.
     #[inline(always)]
     fn enter(&self, ray: &Ray) -> Option<[f32; 3]> {
         let (low, high) = self.bounds?;

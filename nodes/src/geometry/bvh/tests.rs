@@ -82,8 +82,8 @@ fn soup(n: usize, size: f32, seed: u32) -> Vec<[Vec3; 3]> {
         .collect()
 }
 
-/// Rays that start in a plane of boxes and triangles and run within it hit all triangles that they cross away from
-/// their edges. For such rays the box test could compute 0 times infinity. This test fails if
+/// A ray that starts and runs in a plane with box faces and triangles hits every triangle that it crosses away from
+/// the edges of this triangle. For such rays the box test could compute 0 times infinity. This test fails if
 /// `1e30_f32.copysign(d)` is replaced with `0.0` in `Bvh::enter`.
 #[test]
 fn rays_in_the_planes_of_boxes_find_what_stands_across() {

@@ -2,7 +2,7 @@
 
 use glam::Vec4;
 
-use super::{Hit, Ray};
+use super::ray::{Hit, Ray};
 
 /// Four triangles, one per lane.
 #[derive(Debug, Clone, Copy)]
@@ -54,7 +54,7 @@ impl Packet {
     /// pass all tests up to the last one, since a point lies on its own edges.
     pub(super) const EMPTY: Self = Self { corners: [[Vec4::NAN; 3]; 3], ids: [u32::MAX; 4] };
 
-    /// Tests four triangles. Each corner is projected by itself, so neighbouring triangles have the same projected
+    /// Tests four triangles. Each corner is projected separately, so neighbouring triangles have the same projected
     /// corners. The sign of an edge function of two corners is exact, because rounding is monotonic and results of
     /// 0 are computed again in f64. So a ray cannot pass between neighbouring triangles, even at corners.
     #[inline(always)]

@@ -28,13 +28,13 @@ impl Extent {
 pub struct FloorGuess {
     /// The axis that probably points up, such as `+z`.
     pub up: &'static str,
-    /// Height of the floor along that axis, in world units. For example, a height of -1.2 along `-y` means y = 1.2.
+    /// Height of the floor along `up`, in world units. For example, a height of -1.2 along `-y` means y = 1.2.
     pub height: f64,
-    /// Fraction of the surface area that lies flat in the floor, 0 to 1.
+    /// Fraction of the surface area that lies flat in the floor layer, 0 to 1.
     pub share: f64,
     /// Number of standard deviations by which the flat area in the floor exceeds the area expected by chance.
     pub significance: f64,
-    /// Margin by which this axis is more likely than the second-best axis, from 0 (equally likely) to 1.
+    /// Margin by which `up` is more likely than the second-best axis, from 0 (equally likely) to 1.
     pub confidence: f64,
     /// The axis that is second most likely to point up.
     pub second: &'static str,

@@ -56,7 +56,7 @@ pub struct Inspection {
     pub encoding: &'static str,
     /// True if the file says that the splats were trained with compensation for a screen-space filter.
     pub antialiased: bool,
-    /// Box around all centres. This field and the following ones are `None` if there are no splats.
+    /// Box around all centres. This and the other optional fields are `None` if there are no splats.
     pub bounds: Option<Extent>,
     /// Box around the middle 96 % of the centres along each axis.
     pub core: Option<Extent>,
@@ -68,7 +68,7 @@ pub struct Inspection {
     pub sizes: Option<Sizes>,
     /// Opacities.
     pub opacities: Option<Opacities>,
-    /// Number of splats that overlap at a pixel.
+    /// Estimated number of splats per pixel.
     pub overdraw: Option<Overdraw>,
     /// Warnings.
     pub findings: Vec<Finding>,

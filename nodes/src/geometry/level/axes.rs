@@ -1,5 +1,5 @@
-//! Search for axes that may be the vertical of a scene. Much of the surface lies in layers perpendicular to such an
-//! axis.
+//! Search for axes that may be the vertical of a scene. A large share of the surface lies in layers perpendicular
+//! to such an axis.
 
 use glam::DVec3;
 
@@ -65,7 +65,8 @@ pub(super) struct Axis {
     pub layering: f64,
 }
 
-/// Finds the axes with the highest concentration of surface in layers perpendicular to them, in descending order.
+/// Finds the axes with the highest concentration of surface in layers perpendicular to them, in descending order of
+/// concentration. At most `most` axes are returned.
 pub(super) fn candidates(patches: &[Patch], centre: DVec3, radius: f64, most: usize) -> Vec<Axis> {
     let few = sample(patches, SAMPLED);
     let score = |axis: DVec3| layering(&few, axis, centre, radius);

@@ -1,6 +1,7 @@
 //! Estimates of the up direction, the floor and the scale of a capture.
 
 mod axes;
+mod candidate;
 mod patch;
 mod profile;
 mod refine;
@@ -14,8 +15,9 @@ use serde::Serialize;
 
 use crate::math::num;
 use crate::types::{Mesh, Rig, Splats};
+use candidate::{Candidate, LAYERED};
 use patch::Patches;
-use profile::{Profile, profile};
+use profile::profile;
 
 pub use patch::rotation;
 pub use profile::Evidence;
@@ -23,8 +25,6 @@ pub use scale::Scale;
 
 /// Maximum number of axes that are considered as candidates for the vertical.
 const AXES: usize = 6;
-/// Weight of the logarithm of the concentration in layers (see [`axes`]) as evidence that an axis is the vertical.
-const LAYERED: f64 = 6.0;
 /// Minimum concentration in layers of a fully reliable estimate. Evenly spread splats with random orientations
 /// reach 0.01.
 const LEAST_LAYERING: f64 = 0.045;
@@ -133,13 +133,6 @@ pub fn upright(splats: &Splats, up: DVec3, cameras: Option<&Rig>) -> Option<Leve
         scale: scale::scale(&found, &patches, cameras),
         ..measured
     })
-}
-
-/// A direction that may be up, with the logarithm of its odds.
-struct Candidate {
-    odds: f64,
-    layering: f64,
-    profile: Profile,
 }
 
 fn estimate(patches: &Patches, cameras: Option<&Rig>) -> Option<LevelEstimate> {

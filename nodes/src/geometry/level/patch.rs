@@ -11,7 +11,8 @@ const FAINT: f32 = 0.1;
 const MOST: usize = 300_000;
 /// Radius of the core of a scene, as a multiple of the median distance of the patches from its centre.
 const CORE: f64 = 2.2;
-/// Maximum standard deviation of a splat, in radii of the core. Larger splats count as if they had this size.
+/// Maximum standard deviation of a splat, as a fraction of the radius of the core. Larger splats count as if they
+/// had this size.
 const WIDEST: f64 = 0.02;
 
 /// A piece of surface.

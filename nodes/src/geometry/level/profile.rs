@@ -19,11 +19,12 @@ const STOREYS: usize = 24;
 /// balance has a value between -1 (the opposite direction is probably up) and 1 (this direction is probably up).
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Profile {
-    /// The direction.
+    /// The direction along which surface is counted.
     pub up: DVec3,
     /// Height of the lowest large layer along `up`, in world units.
     pub floor: f64,
-    /// Height of the highest large layer, or of the highest surface, in world units.
+    /// Height of the highest large layer, or of the highest surface if no such layer is above the floor, in world
+    /// units.
     pub top: f64,
     /// Score of the floor: the share of all surface that lies flat in it, minus the share expected by chance. The
     /// score is reduced if there is surface below the floor.
@@ -44,13 +45,14 @@ pub(super) struct Profile {
     pub things: f64,
     /// Surfaces counted in `things`, as a share of all surface.
     pub things_share: f64,
-    /// Balance between the level surfaces in the lower half of the space from floor to lid and those in the upper half.
+    /// Weight of the level surfaces in the lower half of the space from floor to lid minus that in the upper half,
+    /// divided by their sum.
     pub levels: f64,
     /// Surfaces counted in `levels`, as a share of all surface.
     pub levels_share: f64,
     /// Mean luma of the upper fifth of the scene minus the mean luma of the floor.
     pub light: f64,
-    /// Balance between the background above the centre of the scene and the background below it.
+    /// Weight of the background above the centre of the scene minus the weight below it, divided by their sum.
     pub sky: f64,
     /// Weight of the background, as a share of the weight of the surface in the core.
     pub sky_share: f64,

@@ -7,7 +7,8 @@ use super::patch::{Patch, Patches};
 use super::profile::Profile;
 use crate::geometry::support::Level;
 
-/// Number of rounds of the fit. From round to round, the fit is restricted to points closer to the plane.
+/// Number of iterations of the fit. Each iteration uses only points that are closer to the plane than in the
+/// previous iteration.
 const ROUNDS: usize = 4;
 /// Maximum slope of a floor whose normal is used as `up`, as rise over run: 8 degrees.
 const STEEP: f64 = 0.14;

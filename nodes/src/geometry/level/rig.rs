@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DVec3};
 
-use super::Candidate;
+use super::candidate::{Candidate, LAYERED};
 use super::patch::Patches;
 use super::profile::profile;
 use crate::math::num;
@@ -20,7 +20,7 @@ const COUNT: f64 = 5.0;
 pub(super) struct Held {
     /// The up direction. It may point down if `signed` is false.
     pub up: DVec3,
-    /// False if all cameras were held on their side, so that the sign of the direction is unknown.
+    /// False if all cameras were held on their side, in which case the sign of the direction is unknown.
     pub signed: bool,
     /// Degree to which the cameras were held level, 0 to 1.
     pub level: f64,
@@ -34,8 +34,8 @@ impl Held {
 }
 
 /// Finds the direction that is most nearly perpendicular to all axes, and the second-best direction, which is
-/// perpendicular to it. Returns the first direction, and for each of the two the root mean square of its cosines
-/// with the axes.
+/// perpendicular to the first. Returns the first direction, then the root mean square of the cosines between the
+/// first direction and the axes, then that value for the second direction.
 fn least(axes: &[DVec3]) -> (DVec3, f64, f64) {
     let mut m = DMat3::ZERO;
     for &a in axes {
@@ -107,8 +107,7 @@ pub(super) fn weigh(held: &Held, patches: &Patches, candidates: &mut Vec<Candida
         let most = candidates.iter().map(|c| c.layering).fold(1e-12, f64::max);
         for up in [held.up, -held.up] {
             let profile = profile(patches, up);
-            let odds =
-                super::LAYERED * num::f64::ln((least / most).max(1e-9)) * 0.5 + profile.evidence().sum();
+            let odds = LAYERED * num::f64::ln((least / most).max(1e-9)) * 0.5 + profile.evidence().sum();
             candidates.push(Candidate { odds, layering: least, profile });
         }
     }

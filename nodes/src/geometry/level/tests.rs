@@ -6,7 +6,7 @@ use super::*;
 use crate::math::num;
 use crate::types::Camera;
 
-/// Pseudo-random number from 0 to 1: element `i` of sequence number `of`.
+/// Pseudo-random number from 0 to 1: element `i` of the sequence with the number `of`.
 fn unit(i: usize, of: usize) -> f64 {
     let mut x = (i as u64 * 61 + of as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
     x = (x ^ (x >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -41,7 +41,7 @@ impl Made {
         Self(Splats::empty())
     }
 
-    /// Adds a rectangle of flat splats with half sides `u` and `v`.
+    /// Adds a rectangle of flat splats. `u` and `v` are half of its sides.
     fn sheet(&mut self, count: usize, middle: [f64; 3], [u, v]: [DVec3; 2], luma: f32) {
         let normal = u.cross(v).normalize();
         let turn = turn(DVec3::Z, normal);

@@ -1,8 +1,8 @@
-//! Choice of a part of a file.
+//! Selection of a part of an OpenEXR file.
 
 use exr::meta::header::Header;
 
-/// Name of the part of a header.
+/// Name of the part that a header describes; empty if it has no name.
 pub(super) fn part_name(header: &Header) -> String {
     header.own_attributes.layer_name.as_ref().map_or_else(String::new, ToString::to_string)
 }

@@ -11,7 +11,7 @@ use exr::meta::header::Header;
 use exr::prelude::{MetaData, ReadLayers, f16};
 
 use super::part::{choose_part, part_name};
-use super::{Channel, Planes};
+use super::planes::{Channel, Planes};
 use crate::error::Error;
 use crate::io::png::believable;
 use crate::io::progress::{Progress, TrackedReader};
@@ -90,7 +90,7 @@ impl Opened<'_> {
         (window.0, window.1)
     }
 
-    /// Position of the data window relative to the display window.
+    /// Position of the data window relative to the display window, in pixels.
     fn shift(&self) -> [i64; 2] {
         let header = self.header();
         let (data, window) =
@@ -183,7 +183,7 @@ impl Opened<'_> {
     }
 }
 
-/// Reads channels of one part, and writes each line of a block to its place in the result.
+/// Reads channels of one part, and copies each line of a block to its position in the result.
 #[derive(Clone)]
 struct Rows<'a> {
     opened: &'a Opened<'a>,
@@ -212,7 +212,7 @@ impl<'a> ReadChannels<'a> for Rows<'_> {
     }
 }
 
-/// Result of [`Rows`] while it is read.
+/// A read with [`Rows`] in progress, with the samples read so far.
 struct RowsReader {
     samples: Vec<f32>,
     /// Columns and rows of the display window.

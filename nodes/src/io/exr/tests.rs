@@ -8,6 +8,7 @@ use exr::prelude::{
     f16,
 };
 
+use super::planes::REC_709;
 use super::*;
 use crate::io::progress::Progress;
 use crate::testing::row;
@@ -119,7 +120,8 @@ fn chromaticities_of_other_colours_are_distinguished() {
     assert!(read_with(Some((-0.13, 0.197))) && read_with(Some((0.0, f32::NAN))));
 }
 
-/// The first flat part of several is read, with its channels of each type, and the number of parts is reported.
+/// If a file has several parts, the first flat part is read, with its channels of each type, and the number of
+/// parts is reported.
 #[test]
 fn the_first_of_several_parts_is_read() {
     let part = |name: &str, size: (usize, usize), channels| {
@@ -151,7 +153,8 @@ fn the_first_of_several_parts_is_read() {
     assert_eq!(back.find("Z"), None);
 }
 
-/// In a file whose first part is a depth, the colours of a later part are found, and any part can be named.
+/// If the first part of a file is a depth, the colours of a later part are read by default, and any part can be
+/// selected by name.
 #[test]
 fn colours_of_a_later_part_are_read_and_parts_can_be_named() {
     let plane = |name: &str, v: f32| AnyChannel::new(name, FlatSamples::F32(vec![v; 2]));

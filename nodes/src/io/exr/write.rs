@@ -10,7 +10,7 @@ use exr::prelude::{
     AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer, LayerAttributes, Text, WritableImage, f16,
 };
 
-use super::Channel;
+use super::planes::Channel;
 use crate::error::Error;
 use crate::io::progress::Progress;
 
@@ -51,7 +51,7 @@ pub fn write_for(
     recipe: Option<&str>,
     progress: Progress<'_>,
 ) -> Result<(Vec<u8>, u64), Error> {
-    let fail = |e: exr::error::Error| Error::Mismatch(format!("cannot make an EXR: {e}"));
+    let fail = |e: exr::error::Error| Error::Mismatch(format!("cannot encode the picture as EXR: {e}"));
     let mut clamped = 0;
     let list = channels
         .into_iter()

@@ -3,7 +3,7 @@
 use gltf::Accessor;
 use gltf::accessor::{DataType, Dimensions};
 
-use super::File;
+use super::file::File;
 use crate::error::Error;
 
 /// The numbers of an accessor, converted to f64.
@@ -22,7 +22,7 @@ impl Numbers {
 }
 
 impl File {
-    /// The numbers of an accessor.
+    /// Reads the numbers of an accessor from `buffers`.
     pub fn numbers(&self, accessor: &Accessor<'_>, buffers: &[Vec<u8>]) -> Result<Numbers, Error> {
         let width = match accessor.dimensions() {
             Dimensions::Scalar => 1,

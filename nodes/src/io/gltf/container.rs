@@ -7,7 +7,7 @@ use crate::error::Error;
 
 /// Splits a GLB into its JSON and binary chunks.
 pub(super) fn split<'a>(name: &str, bytes: &'a [u8]) -> Result<(&'a [u8], Option<Vec<u8>>), Error> {
-    let short = || Error::format(name, "the GLB is cut off");
+    let short = || Error::format(name, "the GLB is truncated");
     let word = |at: usize| -> Result<usize, Error> {
         let raw = bytes.get(at..at + 4).ok_or_else(short)?;
         Ok(raw.iter().rev().fold(0, |sum, b| sum << 8 | usize::from(*b)))
@@ -29,8 +29,8 @@ pub(super) fn split<'a>(name: &str, bytes: &'a [u8]) -> Result<(&'a [u8], Option
     Ok((text, (word(next + 4)? == 0x004e_4942).then(|| blob.to_vec())))
 }
 
-/// Reads the JSON of a file that begins like glTF. The flag is true if the file is binary (GLB). No data after the
-/// JSON are read. Returns `None` for any other file.
+/// Reads the JSON of a file that begins like glTF. The flag is true if the file is binary (GLB). The data after the
+/// JSON are not read. Returns `None` for any other file.
 pub fn json_of(path: &Path) -> std::io::Result<Option<(Vec<u8>, bool)>> {
     json_in(&mut std::fs::File::open(path)?)
 }

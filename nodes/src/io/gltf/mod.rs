@@ -3,6 +3,7 @@
 mod accessor;
 pub(crate) mod address;
 mod container;
+mod file;
 pub(crate) mod object;
 
 use std::collections::BTreeSet;
@@ -19,6 +20,7 @@ use container::split;
 
 pub use accessor::Numbers;
 pub use container::{json_in, json_of};
+pub use file::File;
 
 /// The parts of a file that are read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -29,7 +31,7 @@ pub enum Want {
     Everything,
 }
 
-/// Extensions that a file may require.
+/// glTF extensions that a file may list as required.
 pub const SUPPORTED: [&str; 19] = [
     "EXT_mesh_gpu_instancing",
     "EXT_texture_webp",
@@ -66,16 +68,6 @@ fn advice(extension: &str) -> &'static str {
     }
 }
 
-/// A parsed file whose indices are all in range.
-pub struct File {
-    name: String,
-    /// The checked document.
-    pub document: Document,
-    /// The document as plain JSON, for extensions.
-    pub json: Value,
-    blob: Option<Vec<u8>>,
-}
-
 /// Reads the container and the JSON of a glTF or GLB file.
 pub fn parse(name: &str, bytes: &[u8]) -> Result<File, Error> {
     let (text, blob) = if bytes.starts_with(b"glTF") { split(name, bytes)? } else { (bytes, None) };
@@ -86,7 +78,7 @@ pub fn parse(name: &str, bytes: &[u8]) -> Result<File, Error> {
             name,
             format!("{format}: objects must be glTF or GLB; open the file in a program that reads it, such as Blender, and export glTF 2.0"),
         ),
-        None => Error::format(name, format!("the file is neither GLB nor glTF; its JSON does not parse ({e})")),
+        None => Error::format(name, format!("the file is neither GLB nor glTF; its JSON cannot be parsed ({e})")),
     })?;
     let version = json["asset"]["version"].as_str().unwrap_or_default().to_owned();
     if !version.starts_with("2.") {
@@ -229,7 +221,8 @@ impl File {
         Error::format(&self.name, what)
     }
 
-    /// Paths of the other files that the buffers and, if requested, the pictures refer to; each once, sorted.
+    /// Paths of the other files to which the buffers and, if requested, the pictures refer. The paths are sorted
+    /// and without duplicates.
     pub fn beside(&self, want: Want) -> Result<Vec<String>, Error> {
         let lists: &[&str] = if want == Want::Geometry { &["buffers"] } else { &["buffers", "images"] };
         let mut paths = BTreeSet::new();

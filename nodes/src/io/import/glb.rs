@@ -13,7 +13,7 @@ pub(super) struct Part {
     pub material: Option<usize>,
 }
 
-/// Collects parts and materials of a file.
+/// Collects the parts and the materials of a file.
 #[derive(Debug, Default)]
 pub(super) struct Builder {
     binary: Vec<u8>,
@@ -72,7 +72,7 @@ impl Builder {
         self.primitives.push(primitive);
     }
 
-    /// Adds a texture with the picture of a relative path; returns its index.
+    /// Adds a texture whose picture is the file at a relative path, and returns the index of the texture.
     pub fn texture(&mut self, path: &str) -> usize {
         let uri: String = path
             .bytes()

@@ -39,7 +39,7 @@ pub(super) fn read(name: &str, bytes: &[u8], builder: &mut Builder, cx: &Context
         if at % 65_536 == 0 {
             cx.check()?;
         }
-        let triangle = triangle.map_err(|e| wrong(format!("triangle {at}: {e}")))?;
+        let triangle = triangle.map_err(|e| wrong(format!("cannot read triangle {at}: {e}")))?;
         for vertex in triangle.vertices {
             let vertex: [f32; 3] = vertex.into();
             let index = *places.entry(vertex.map(f32::to_bits)).or_insert_with(|| {

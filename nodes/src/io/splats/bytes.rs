@@ -67,7 +67,7 @@ pub fn range<'a>(
         let held = bytes.len();
         Error::format(
             file,
-            format!("{what}: {length} bytes at {start} are needed, but the file has {held} bytes"),
+            format!("cannot read {what}: {length} bytes at offset {start} are needed, but the file has {held} bytes"),
         )
     })
 }
@@ -80,7 +80,7 @@ pub fn believed(file: &str, count: u64, held: usize, densest: f64) -> Result<usi
     {
         return Ok(count);
     }
-    let what = format!("the header claims {count} splats, which {held} bytes cannot hold");
+    let what = format!("the header claims {count} splats, which {held} bytes cannot contain");
     Err(Error::format(file, what))
 }
 

@@ -70,7 +70,7 @@ impl Element {
             let (count, stride, total) = (self.count, self.stride, bytes.len());
             let held = total.saturating_sub(start) / stride.max(1);
             let what = format!(
-                "the header promises {count} rows of `{}` with {stride} bytes each, but the file holds {held} ({total} bytes)",
+                "the header promises {count} rows of `{}` with {stride} bytes each, but the file holds only {held} (file size: {total} bytes)",
                 self.name
             );
             Error::format(file, what)

@@ -32,7 +32,8 @@ pub fn from_y_up(up: Up) -> DMat3 {
 }
 
 impl Frame {
-    /// The up axis, if the file or the user defines it.
+    /// The up axis of the file: `declared`, which its format defines, or the axis chosen by the user. `None` if
+    /// coordinates are used as stored.
     pub fn up(self, declared: Option<Up>) -> Option<Up> {
         match self {
             Self::ByFormat => declared,
@@ -63,7 +64,7 @@ impl Turn {
         Self { matrix, scale, offset, quat: quaternion(proper), sh: ShTurn::new(matrix) }
     }
 
-    /// Splits an affine map into a similarity; `None` if its axes are scaled unevenly or sheared.
+    /// Converts an affine map to a similarity; `None` if its axes are scaled unevenly or sheared.
     pub fn of_linear(linear: DMat3, offset: DVec3) -> Option<Self> {
         let scale = linear.x_axis.length();
         if !(scale > 0.0 && scale.is_finite() && offset.is_finite()) {
@@ -146,14 +147,14 @@ impl Placing {
         let matrix = from_y_up(self.up) * from_y_up(up).transpose();
         let by = if self.frame == Frame::ByFormat { "by its format" } else { "as `frame` says" };
         let units = if scale == 1.0 { String::new() } else { format!(", and scaled by {scale}") };
-        let text = format!("has {} up {by}; rotated to {} up{units}", up.name(), self.up.name());
+        let text = format!("has {} up {by}; it was rotated to {} up{units}", up.name(), self.up.name());
         let idle = matrix == DMat3::IDENTITY && scale == 1.0;
         ((!idle).then_some((matrix, scale)), Some(text))
     }
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+#[allow(clippy::unwrap_used, reason = "a test may panic")]
 mod tests {
     use super::*;
 

@@ -13,9 +13,11 @@ use serde::Deserialize;
 use super::accessor::{Accessor, Reader};
 use super::bytes::{range, u32_at};
 use super::frame::Turn;
+use super::loaded::Loaded;
 use super::parts::Part;
+use super::reading::{Fetch, Reading};
 use super::rows::{Row, sh_rest};
-use super::{Fetch, Loaded, Reading, spz};
+use super::spz;
 use crate::error::Error;
 use crate::io::base64;
 use crate::io::foreign::json_text;
@@ -135,7 +137,7 @@ impl Document {
         serde_json::from_slice(json_text(json)).map_err(|e| Error::format(file, format!("not glTF: {e}")))
     }
 
-    /// Names of the files that contain its buffers.
+    /// Names of the external files that contain the buffers of the document.
     pub fn files(&self, file: &str) -> Result<Vec<String>, Error> {
         let uris = self.buffers.iter().filter_map(|buffer| buffer.uri.as_deref());
         uris.filter(|uri| !uri.starts_with("data:")).map(|uri| address::path(file, uri)).collect()
@@ -156,12 +158,12 @@ pub(super) fn chunks<'a>(file: &str, bytes: &'a [u8]) -> Result<(&'a [u8], Optio
     if bytes.len() <= at {
         return Ok((json, None));
     }
-    let head = range(file, bytes, at, 8, "the head of a chunk")?;
+    let head = range(file, bytes, at, 8, "the header of a chunk")?;
     let binary = range(file, bytes, at + 8, u32_at(head, 0) as usize, "the binary chunk")?;
     Ok((json, (&head[4..8] == b"BIN\0").then_some(binary)))
 }
 
-/// A primitive with the transform of a node that uses it.
+/// A primitive, with the transform of a node that uses it.
 struct Use<'a> {
     primitive: &'a Primitive,
     splatting: Splatting,
@@ -248,7 +250,7 @@ pub(super) fn load(
     }
     let uses = document.uses(file)?;
     if uses.is_empty() {
-        let what = format!("no primitive of the scene has `{NAME}`; is it a mesh?");
+        let what = format!("no primitive of the scene has `{NAME}`; is the file a mesh?");
         return Err(
             NodeError::from(Error::format(file, what)).hint("`load-mesh` and `load-object` read meshes")
         );
@@ -310,7 +312,10 @@ fn encoding(file: &str, splatting: &Splatting) -> Result<SplatEncoding, Error> {
     }
 }
 
-#[expect(clippy::too_many_arguments, reason = "called once; a struct for it would say the same again")]
+#[expect(
+    clippy::too_many_arguments,
+    reason = "called once; a struct would only repeat the names of the arguments"
+)]
 fn primitive(
     file: &str,
     document: &Document,
@@ -333,7 +338,7 @@ fn primitive(
             // The default of the extension.
             None | Some("cameraDistance") => {
                 let text =
-                    format!("`{file}` was made for sorting by distance: use `SplatRender(sort: Distance)`");
+                    format!("`{file}` was made for sorting by distance; use `SplatRender(sort: Distance)`");
                 notes.decision("sorting-method", text);
             }
             Some(other) => {
@@ -344,7 +349,8 @@ fn primitive(
     }
     if let Some(packed) = SPZ.iter().find_map(|name| one.splatting.extensions.get(*name)) {
         let view = packed.get("bufferView").and_then(serde_json::Value::as_u64);
-        let view = view.ok_or_else(|| Error::format(file, "the SPZ compression names no buffer view"))?;
+        let view = view
+            .ok_or_else(|| Error::format(file, "the SPZ compression extension refers to no buffer view"))?;
         let bytes = document.view(file, usize::try_from(view).unwrap_or(usize::MAX), buffers)?;
         return spz::load(file, bytes, Some(turn), reading, notes);
     }
@@ -376,7 +382,9 @@ fn primitive(
     let count = centres.count();
     let others = harmonics.iter().chain([&rotations, &scales, &opacities]);
     if others.clone().any(|reader| reader.count() != count) {
-        return Err(Error::format(file, "the attributes of the splats have unequal counts").into());
+        return Err(
+            Error::format(file, "the attributes of the splats have different numbers of elements").into()
+        );
     }
     // Lengths are never negative; drafts of the extension stored logarithms here (KhronosGroup/glTF#2563).
     let below = (0..count).filter(|&index| (0..3).any(|k| scales.get(index, k) < 0.0)).count();

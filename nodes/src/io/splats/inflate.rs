@@ -16,7 +16,7 @@ pub fn gunzip(
     packed: &[u8],
     limit: impl FnOnce(&[u8; 16]) -> Result<usize, Error>,
 ) -> Result<(Vec<u8>, usize), Error> {
-    let broken = |e: std::io::Error| Error::format(file, format!("the gzip stream is broken: {e}"));
+    let broken = |e: std::io::Error| Error::format(file, format!("the gzip stream is corrupt: {e}"));
     let mut stream = flate2::bufread::GzDecoder::new(packed);
     let mut head = [0; 16];
     stream.read_exact(&mut head).map_err(broken)?;
@@ -42,7 +42,7 @@ pub fn inflate(file: &str, packed: &[u8], length: usize) -> Result<Vec<u8>, Erro
 /// Unpacks a Zstandard frame of exactly `length` bytes.
 pub fn unzstd(file: &str, packed: &[u8], length: usize) -> Result<Vec<u8>, Error> {
     let stream = ruzstd::decoding::StreamingDecoder::new(packed)
-        .map_err(|e| Error::format(file, format!("the zstd stream is broken: {e}")))?;
+        .map_err(|e| Error::format(file, format!("the zstd stream is corrupt: {e}")))?;
     exactly(file, stream, length, "zstd")
 }
 
@@ -51,9 +51,10 @@ fn exactly(file: &str, stream: impl Read, length: usize, name: &str) -> Result<V
     stream
         .take(length as u64 + 1)
         .read_to_end(&mut out)
-        .map_err(|e| Error::format(file, format!("the {name} stream is broken: {e}")))?;
+        .map_err(|e| Error::format(file, format!("the {name} stream is corrupt: {e}")))?;
     if out.len() != length {
-        let what = format!("a {name} stream decompresses to {} bytes or more instead of {length}", out.len());
+        let what =
+            format!("a {name} stream decompresses to at least {} bytes instead of {length} bytes", out.len());
         return Err(Error::format(file, what));
     }
     Ok(out)

@@ -6,9 +6,10 @@
 use engine::{NodeError, Notes};
 
 use super::bytes::{f16_at, f32_at, range, u8_at, u16_at, u32_at};
+use super::loaded::Loaded;
 use super::parts::Part;
+use super::reading::Reading;
 use super::rows::{Row, RowFault, SH_C0, sh_rest};
-use super::{Loaded, Reading};
 use crate::error::Error;
 
 const HEADER: usize = 4096;
@@ -25,7 +26,7 @@ struct Level {
     rotation: usize,
     colour: usize,
     harmonics: usize,
-    /// Number of steps from the centre of a bucket to its side, if the section does not define it.
+    /// Number of steps from the centre of a bucket to its side, for sections that do not define this number.
     steps: u32,
 }
 
@@ -85,7 +86,10 @@ impl<'a> Section<'a> {
             ));
         }
         if count > room {
-            return Err(Error::format(file, format!("a section for {room} splats claims to hold {count}")));
+            return Err(Error::format(
+                file,
+                format!("a section has space for {room} splats but claims to hold {count}"),
+            ));
         }
         if storage != 0 && storage < 12 {
             return Err(Error::format(
@@ -165,7 +169,7 @@ pub(super) fn load(
         .iter()
         .map(|head| Section::read(file, bytes, head, level, &mut at));
     let sections = read.collect::<Result<Vec<_>, _>>()?;
-    super::left_over(file, bytes.len() - at, notes);
+    super::loaded::left_over(file, bytes.len() - at, notes);
     let count: usize = sections.iter().map(|section| section.count).sum();
     if count != promised {
         let what = format!("the header promises {promised} splats, but the sections hold {count}");

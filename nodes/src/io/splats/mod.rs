@@ -8,9 +8,11 @@ mod frame;
 mod gltf;
 mod inflate;
 mod ksplat;
+mod loaded;
 mod parts;
 mod ply;
 mod ply_packed;
+mod reading;
 mod rows;
 pub mod save;
 mod sh_turn;
@@ -21,7 +23,7 @@ mod splat;
 mod spz;
 pub(crate) mod streamed;
 #[cfg(test)]
-#[allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+#[allow(clippy::unwrap_used, reason = "a test may panic")]
 mod tests;
 mod training;
 mod usda;
@@ -29,141 +31,22 @@ mod zip;
 
 use std::sync::{Mutex, PoisonError};
 
-use engine::{Context, NodeError, Notes, Up};
-use glam::{DMat3, DVec3};
+use engine::{Context, NodeError, Notes};
 
 use crate::error::Error;
 use crate::types::frame::Similarity;
 use crate::types::{SplatEncoding, Splats};
-use parts::Part;
 
 pub(crate) use frame::Placing;
 pub use frame::{Frame, Turn, from_y_up, quaternion};
+pub(crate) use loaded::Loaded;
+use loaded::left_over;
+pub(crate) use reading::{Fetch, Reading};
 pub(crate) use rows::unit;
 pub use rows::{Row, RowFault, SH_C0, sh_rest};
 pub use sh_turn::ShTurn;
 pub use source::Format;
 pub(crate) use spz::{COLOUR_SCALE as SPZ_COLOUR_SCALE, rotation_10 as spz_rotation};
-
-/// Function that reads the bytes of a file, given the name by which the current file refers to it.
-pub(crate) type Fetch<'a> = dyn Fn(&str) -> Result<Vec<u8>, NodeError> + 'a;
-
-/// Settings for all readers.
-pub(crate) struct Reading<'a> {
-    pub(crate) cx: &'a Context,
-    pub(crate) placing: Placing,
-    pub(crate) max_extent: f64,
-    /// The additional transform in the world that the user requested.
-    pub(crate) matrix: Similarity,
-    /// True to drop the harmonics above degree 0, so that only the mean of each colour over all directions is kept.
-    /// Splats of degree 3 then take a quarter of the memory.
-    pub(crate) plain: bool,
-}
-
-impl Reading<'_> {
-    /// Reads rows of a file without sections; see [`parts::read_rows`].
-    fn rows(
-        &self,
-        count: usize,
-        turn: Option<&Turn>,
-        read: impl Fn(usize, &mut Vec<[f32; 3]>) -> Result<Row, RowFault> + Send + Sync,
-    ) -> Result<Vec<Part>, NodeError> {
-        parts::read_rows(0, count, turn, (self.plain, self.cx), read)
-    }
-
-    /// Reads rows of a section that begins at row `first` of the file.
-    fn rows_from(
-        &self,
-        first: usize,
-        count: usize,
-        turn: Option<&Turn>,
-        read: impl Fn(usize, &mut Vec<[f32; 3]>) -> Result<Row, RowFault> + Send + Sync,
-    ) -> Result<Vec<Part>, NodeError> {
-        parts::read_rows(first, count, turn, (self.plain, self.cx), read)
-    }
-
-    /// The transform into the world, according to the format of the file and the user's parameters. Adds a note
-    /// about the decision.
-    fn world(&self, file: &str, declared: Option<Up>, metres: bool, notes: &mut Notes) -> Option<Similarity> {
-        let (turn, text) = self.placing.turn(declared, metres);
-        if let Some(text) = text {
-            notes.decision("frame", format!("`{file}` {text}"));
-        }
-        let (rotation, scale) = turn.unwrap_or((DMat3::IDENTITY, 1.0));
-        let all = self.matrix.after(&Similarity { rotation, scale, offset: DVec3::ZERO });
-        (all != Similarity::IDENTITY).then_some(all)
-    }
-
-    /// Like [`world`](Self::world), but returns a transform that applies to rows.
-    fn turn(&self, file: &str, declared: Option<Up>, metres: bool, notes: &mut Notes) -> Option<Turn> {
-        let Similarity { rotation, scale, offset } = self.world(file, declared, metres, notes)?;
-        Some(Turn::new(rotation, scale, offset))
-    }
-}
-
-/// The content of one file: its rows and their properties.
-pub(crate) struct Loaded {
-    parts: Vec<Part>,
-    /// Number of rows of the file, including dropped rows.
-    count: usize,
-    /// Degree of the harmonics in memory.
-    sh_degree: u32,
-    /// Degree of the harmonics in the file.
-    pub(crate) stored_degree: u32,
-    antialiased: bool,
-    encoding: SplatEncoding,
-}
-
-impl Loaded {
-    fn new(parts: Vec<Part>, count: usize, stored_degree: u32) -> Self {
-        let sh_degree = if parts.iter().any(|part| part.plain) { 0 } else { stored_degree };
-        let (antialiased, encoding) = (false, SplatEncoding::Srgb);
-        Self { parts, count, sh_degree, stored_degree, antialiased, encoding }
-    }
-
-    /// Appends another part of the same file.
-    fn join(mut self, file: &str, other: Self) -> Result<Self, NodeError> {
-        if self.antialiased != other.antialiased || self.encoding != other.encoding {
-            return Err(Error::format(
-                file,
-                "the parts of the file do not have the same antialiasing and colour space",
-            )
-            .into());
-        }
-        let degree = self.sh_degree.max(other.sh_degree);
-        self.widen(degree);
-        let mut other = other;
-        other.widen(degree);
-        self.count += other.count;
-        self.stored_degree = self.stored_degree.max(other.stored_degree);
-        self.parts.append(&mut other.parts);
-        Ok(self)
-    }
-
-    /// Extends the harmonics to a higher degree with coefficients of 0.
-    fn widen(&mut self, degree: u32) {
-        if self.sh_degree == degree {
-            return;
-        }
-        let (own, wide) = (sh_rest(self.sh_degree) + 1, sh_rest(degree) + 1);
-        for part in &mut self.parts {
-            let filled = part
-                .sh
-                .chunks_exact(own)
-                .flat_map(|one| one.iter().copied().chain(std::iter::repeat_n([0.0; 3], wide - own)));
-            part.sh = filled.collect();
-        }
-        self.sh_degree = degree;
-    }
-}
-
-/// Warns about bytes after the end of the data.
-fn left_over(file: &str, bytes: usize, notes: &mut Notes) {
-    if bytes > 0 {
-        let text = format!("`{file}` has {bytes} bytes after its splats, which are ignored");
-        notes.warning("bytes-left-over", text);
-    }
-}
 
 pub(crate) fn load(
     file: &str,
@@ -207,12 +90,15 @@ pub(crate) fn load_ranges(
             sog::load(file, &sog::Meta::read(file, bytes)?, Some(ranges), fetch, reading, notes)
         }
         Format::SogBundle => sog::load_bundle(file, bytes, Some(ranges), reading, notes),
-        other => Err(Error::unsupported(file, format!("a streamed scene of {} files", other.name())).into()),
+        other => {
+            Err(Error::unsupported(file, format!("a streamed scene that consists of {} files", other.name()))
+                .into())
+        }
     }
 }
 
-/// Reads splats of any format from memory, as the kind `load-splats` does with default parameters. A format that
-/// needs further files is an error.
+/// Reads splats of any format from memory, as the kind `load-splats` does with default parameters. It is an error
+/// if the format needs further files.
 pub fn from_bytes(
     file: &str,
     bytes: &[u8],
@@ -282,10 +168,10 @@ pub(crate) fn assemble(mut files: Vec<Loaded>, cx: &Context) -> Result<Splats, N
     Ok(splats)
 }
 
-/// Reports dropped rows; with `strict`, the first one is an error.
+/// Reports dropped rows. If `strict` is true, the first dropped row is an error.
 pub(crate) fn report(file: &str, loaded: &Loaded, strict: bool, notes: &mut Notes) -> Result<(), NodeError> {
     if strict && let Some((row, fault)) = loaded.parts.iter().find_map(|part| part.first_fault) {
-        let what = format!("`{file}` contains an invalid splat: splat {row} {}", fault.words());
+        let what = format!("`{file}` contains an invalid splat: splat {row} has {}", fault.words());
         return Err(NodeError::new(what)
             .at("path")
             .hint("`strict: false` drops such splats and counts them"));
@@ -294,7 +180,11 @@ pub(crate) fn report(file: &str, loaded: &Loaded, strict: bool, notes: &mut Note
     for fault in RowFault::ALL {
         let dropped: u64 = loaded.parts.iter().map(|part| part.dropped[fault as usize]).sum();
         all += dropped;
-        notes.count(fault.id(), dropped, format!("splats of `{file}` {} were dropped", fault.words()));
+        notes.count(
+            fault.id(),
+            dropped,
+            format!("of the splats of `{file}` had to be dropped because of {}", fault.words()),
+        );
     }
     if all * 2 > loaded.count as u64 {
         let text =

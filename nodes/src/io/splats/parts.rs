@@ -13,13 +13,13 @@ const CHUNK: usize = 16_384;
 pub struct Part {
     /// The rows that were not dropped.
     pub rows: Vec<Row>,
-    /// Colours of the rows: for each row, as many RGB triples as the degree of the file requires.
+    /// Colours of the rows. Each row has as many RGB triples as the degree of the file requires.
     pub sh: Vec<[f32; 3]>,
     /// Number of dropped rows, by reason.
     pub dropped: [u64; RowFault::ALL.len()],
     /// Index in the file of the first dropped row, and its reason.
     pub first_fault: Option<(usize, RowFault)>,
-    /// True if a centre has more digits than f32 holds.
+    /// True if f32 cannot hold a centre exactly.
     pub finer: bool,
     /// True if only the first triple of each colour was kept, which is the mean over all directions.
     pub plain: bool,
@@ -31,9 +31,9 @@ fn all_finite(values: &[f32]) -> bool {
     values.iter().fold(0, |most, value| (value.to_bits() & 0x7fff_ffff).max(most)) < 0x7f80_0000
 }
 
-/// Reads `count` rows in parallel with `read(index, sh)`, which appends the colour of a row; for a row with an
-/// error it may leave a partial colour. `first` is the index of the first row in the file. If `plain` is true, only
-/// the first triple of each colour is kept.
+/// Reads `count` rows in parallel with `read(index, sh)`, which returns a row and appends its colour to `sh`. If it
+/// returns an error, it may have appended a part of the colour. `first` is the index of the first row in the file.
+/// If `plain` is true, only the first triple of each colour is kept.
 pub fn read_rows(
     first: usize,
     count: usize,

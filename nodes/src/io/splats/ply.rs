@@ -9,8 +9,10 @@
 use engine::{NodeError, Notes};
 
 use super::fixed_rows::{Element, Field, FixedRows};
+use super::loaded::Loaded;
+use super::reading::Reading;
 use super::rows::{Row, RowFault, SH_C0};
-use super::{Loaded, Reading, training};
+use super::training;
 use crate::error::Error;
 use crate::io::colour_range::Range;
 use crate::io::ply::{self, Scalar};
@@ -58,7 +60,9 @@ impl Layout {
         let need = |name: &str| {
             find(name).ok_or_else(|| {
                 let hint = match vertex.find(name) {
-                    Some(field) => format!(" of floats, but one of type `{}`", field.scalar.name()),
+                    Some(field) => {
+                        format!(" that holds floats, but one of the type `{}`", field.scalar.name())
+                    }
                     None => "; is this a mesh or a point cloud?".to_owned(),
                 };
                 Error::format(file, format!("the splats have no field `{name}`{hint}"))
@@ -161,7 +165,7 @@ pub(super) fn load(
         notes.decision("display-colours", text);
     }
     if layout.scale[2].is_none() {
-        let text = format!("`{file}` has two scales per splat, as 2DGS writes: its splats are flat");
+        let text = format!("`{file}` has two scales per splat, as 2DGS writes them, so its splats are flat");
         notes.decision("two-scales", text);
     }
     if layout.filter.is_some() {
@@ -195,11 +199,11 @@ pub(super) fn refuse_mesh(file: &str, header: &ply::Header) -> Result<(), NodeEr
     if faces == 0 || find("vertex").is_some_and(splats) {
         return Ok(());
     }
-    let what = format!("`{file}` is a mesh of {faces} faces; it holds no splats");
+    let what = format!("`{file}` is a mesh (faces: {faces}) and contains no splats");
     Err(NodeError::new(what).hint("`LoadMesh` reads meshes"))
 }
 
-/// The first few names of a list.
+/// The first few names of a list, as text.
 fn some(names: &[String]) -> String {
     let mut text = names.iter().take(4).map(String::as_str).collect::<Vec<_>>().join(", ");
     if names.len() > 4 {

@@ -10,9 +10,10 @@ use engine::{NodeError, Notes};
 
 use super::bytes::{u8_at, u32_at};
 use super::fixed_rows::{Element, Field, FixedRows};
+use super::loaded::Loaded;
+use super::reading::Reading;
 use super::rows::{Row, SH_C0, largest_left_out};
 use super::training;
-use super::{Loaded, Reading};
 use crate::error::Error;
 use crate::io::ply::Scalar;
 use crate::math::num;
@@ -166,7 +167,7 @@ fn harmonics<'a>(
         let field = element.find(&format!("f_rest_{i}")).filter(|f| f.scalar == Scalar::U8);
         field
             .map(|f| f.at)
-            .ok_or_else(|| wrong(format!("the element `sh` has no field `f_rest_{i}` of bytes")))
+            .ok_or_else(|| wrong(format!("the element `sh` has no field `f_rest_{i}` of the type `uchar`")))
     });
     let places = places.collect::<Result<Vec<_>, _>>()?;
     Ok(Some((element.rows(file, bytes)?, element.stride, places)))

@@ -42,15 +42,15 @@ impl RowFault {
         }
     }
 
-    /// The reason in words, to follow "splats" or "the splat".
+    /// The reason in words, to follow "has" or "because of".
     pub fn words(self) -> &'static str {
         match self {
-            Self::NotFinite => "with a field that is NaN or infinite",
-            Self::ZeroQuaternion => "with a zero quaternion",
-            Self::TooLarge => "with an axis longer than `max_extent`",
-            Self::NegativeScale => "with a scale or a filter below 0",
-            Self::BadOpacity => "with an opacity that is not between 0 and 1",
-            Self::NoSuchEntry => "with an index past the end of a table of the file",
+            Self::NotFinite => "a field that is NaN or infinite",
+            Self::ZeroQuaternion => "a zero quaternion",
+            Self::TooLarge => "an axis longer than `max_extent`",
+            Self::NegativeScale => "a scale or a filter below 0",
+            Self::BadOpacity => "an opacity that is not between 0 and 1",
+            Self::NoSuchEntry => "an index past the end of a table of the file",
         }
     }
 }

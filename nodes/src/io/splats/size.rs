@@ -1,4 +1,4 @@
-//! Number of splats of a file according to its header, which allows estimating memory before the file is read.
+//! Number of splats of a file according to its header. It is used to estimate memory before the file is read.
 
 use std::io::Read;
 

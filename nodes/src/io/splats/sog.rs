@@ -8,9 +8,10 @@ use engine::{NodeError, Notes};
 use serde::Deserialize;
 
 use super::bytes::believed;
+use super::loaded::Loaded;
+use super::reading::{Fetch, Reading};
 use super::rows::{Row, RowFault, largest_left_out, sh_rest};
 use super::zip::Archive;
-use super::{Fetch, Loaded, Reading};
 use crate::error::Error;
 use crate::io::foreign::json_text;
 use crate::math::num;
@@ -222,7 +223,7 @@ impl Meta {
         }
     }
 
-    /// The files of the pictures.
+    /// Names of the picture files.
     pub fn files(&self) -> impl Iterator<Item = &str> {
         self.files.iter().map(String::as_str)
     }
@@ -258,7 +259,7 @@ impl Pixels {
         }
         let channels = if decoder.has_alpha() { 4 } else { 3 };
         let mut raw = vec![0_u8; width as usize * height as usize * channels];
-        decoder.read_image(&mut raw).map_err(|e| wrong(format!("the WebP picture is broken: {e}")))?;
+        decoder.read_image(&mut raw).map_err(|e| wrong(format!("the WebP picture is corrupt: {e}")))?;
         let rgba = if channels == 4 {
             raw
         } else {
@@ -271,7 +272,7 @@ impl Pixels {
         self.rgba.as_chunks::<4>().0.get(index).copied()
     }
 
-    /// Returns a pixel whose index is known to be valid.
+    /// Returns the pixel at an index that is known to be valid.
     fn own(&self, index: usize) -> [u8; 4] {
         self.get(index).unwrap_or_default()
     }

@@ -87,11 +87,11 @@ impl Format {
                 means: Option<serde::de::IgnoredAny>,
             }
             if streamed::is_streamed(bytes) {
-                let what = "the levels of a streamed SOG; `LoadSplats` reads them from its folder";
+                let what = "the levels of a streamed SOG; `LoadSplats` reads them from the folder that contains them";
                 return Err(Error::unsupported(file, what));
             }
             let peek: Peek = serde_json::from_slice(json_text(bytes))
-                .map_err(|e| Error::format(file, format!("the JSON is broken: {e}")))?;
+                .map_err(|e| Error::format(file, format!("the JSON is invalid: {e}")))?;
             return match peek {
                 Peek { means: Some(_), .. } => Ok(Self::SogMeta),
                 Peek { asset: Some(_), .. } => Ok(Self::Gltf),
@@ -123,7 +123,7 @@ fn is_json(bytes: &[u8]) -> bool {
     text.iter().find(|b| !b.is_ascii_whitespace()) == Some(&b'{')
 }
 
-/// A file of splats to which a parameter refers.
+/// A file of splats that a parameter selects.
 pub struct Piece {
     /// The file.
     pub file: InputFile,
@@ -143,7 +143,7 @@ pub struct Expanded {
     pub pieces: Vec<Piece>,
     /// The description of a streamed scene, which names the pieces.
     pub listing: Option<InputFile>,
-    /// Decisions and warnings: id, text, and true for a warning.
+    /// Decisions and warnings, each as (id, text, true for a warning).
     pub notes: Vec<(&'static str, String, bool)>,
 }
 

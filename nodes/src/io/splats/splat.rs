@@ -5,11 +5,12 @@
 use engine::{NodeError, Notes};
 
 use super::bytes::{f32_at, u8_at};
+use super::loaded::Loaded;
+use super::reading::Reading;
 use super::rows::{Row, SH_C0};
-use super::{Loaded, Reading};
 use crate::error::Error;
 
-/// Bytes per splat.
+/// Number of bytes per splat.
 const ROW: usize = 32;
 
 /// True if the bytes can be a `.splat` file, even a truncated one: there is at least one row, and at least half of
@@ -41,7 +42,7 @@ pub(super) fn load(
     let (rows, rest) = bytes.as_chunks::<ROW>();
     if !rest.is_empty() {
         let what = format!(
-            "it begins like a .splat but ends within a splat: {} complete splats of {ROW} bytes, then {} bytes",
+            "the file begins like a `.splat` file but ends within a splat (complete splats of {ROW} bytes: {}; further bytes: {})",
             rows.len(),
             rest.len()
         );

@@ -12,8 +12,9 @@ use glam::{DMat3, DVec3};
 use super::bytes::{believed, f16_at, range, u8_at, u32_at, u64_at};
 use super::frame::{Frame, Turn};
 use super::inflate::{DEFLATE_RATIO, gunzip, unzstd};
+use super::loaded::Loaded;
+use super::reading::Reading;
 use super::rows::{Row, largest_left_out, sh_rest};
-use super::{Loaded, Reading};
 use crate::error::Error;
 use crate::math::num;
 use crate::types::frame::Similarity;
@@ -29,12 +30,12 @@ const ANTIALIASED: u8 = 1;
 const EXTENDED: u8 = 2;
 /// Maximum number of bytes of extensions after the attributes of versions 1 to 3.
 const EXTENSIONS: usize = 1 << 20;
-/// Maximum number of bytes that one byte of a version 4 file may expand to. The reference implementation has the
-/// same limit. In captures, the number is at most 3.
+/// Maximum number of decompressed bytes per byte of a version 4 file. The reference implementation has the same
+/// limit. In captures, the number is at most 3.
 const ZSTD_RATIO: f64 = 1024.0;
 
-/// A coefficient `c` of the constant colour is stored as `c * COLOUR_SCALE + 0.5`, in a byte whose value 255 stands
-/// for 1.
+/// A coefficient `c` of the constant colour is stored as `c * COLOUR_SCALE + 0.5`, in a byte in which 255
+/// represents 1.
 pub(crate) const COLOUR_SCALE: f64 = 0.15;
 /// Type of the extension that defines the axes.
 const COORDINATE_SYSTEM: u32 = 0xadbe_0003;
@@ -53,7 +54,10 @@ struct Header {
 impl Header {
     fn read(file: &str, bytes: &[u8]) -> Result<Self, Error> {
         if bytes.get(..4) != Some(MAGIC) {
-            return Err(Error::format(file, "the stream does not begin with `NGSP`; not an SPZ file"));
+            return Err(Error::format(
+                file,
+                "the stream does not begin with `NGSP`, so the file is not an SPZ file",
+            ));
         }
         let header = Self {
             version: u32_at(bytes, 4),
@@ -233,10 +237,10 @@ pub(super) fn load(
     notes: &mut Notes,
 ) -> Result<Loaded, NodeError> {
     let Attributes { header, count, streams, extensions, left_over } = unpack(file, bytes)?;
-    super::left_over(file, left_over, notes);
+    super::loaded::left_over(file, left_over, notes);
     if header.version <= 2 {
         let text = format!(
-            "`{file}` is SPZ version {}: its rotations have errors of up to 12 degrees",
+            "`{file}` is a file of SPZ version {}, so its rotations have errors of up to 12 degrees",
             header.version
         );
         notes.warning("coarse-rotations", text);

@@ -12,6 +12,8 @@ use super::*;
 use crate::kinds::load_splats::{In, LoadSplats};
 use crate::testing::{context, row};
 use build::{Packed, PlyRow};
+use engine::Up;
+use glam::DVec3;
 
 fn read(bytes: &[u8]) -> Result<(Splats, Notes), NodeError> {
     from_bytes("a", bytes, Frame::ByFormat, &context())
@@ -139,7 +141,7 @@ fn wrong_headers_are_reported_with_numbers() {
     for n in ["4", "4294967296", "18446744073709551615", "9223372036854775808"] {
         let error = read(&promise(n)).err().unwrap();
         assert!(error.message().contains(&format!("promises {n} rows")), "{error}");
-        assert!(error.message().contains("the file holds 3"), "{error}");
+        assert!(error.message().contains("the file holds only 3"), "{error}");
     }
     for n in ["-1", "x", "18446744073709551616", "1.5"] {
         assert!(read(&promise(n)).is_err(), "{n}");
@@ -365,7 +367,7 @@ fn files_that_were_cut_off_are_reported_as_what_they_were() {
         from_bytes(name, bytes, Frame::ByFormat, &context()).err().unwrap().message().to_owned()
     };
     let splat = build::splat(3);
-    assert!(reported("a", &splat[..90]).contains("2 complete splats of 32 bytes, then 26 bytes"));
+    assert!(reported("a", &splat[..90]).contains("complete splats of 32 bytes: 2; further bytes: 26"));
     assert!(
         reported("a.splat", &splat[..20]).contains("the 20 bytes of the file begin neither like a `.splat`")
     );
@@ -374,7 +376,8 @@ fn files_that_were_cut_off_are_reported_as_what_they_were() {
     ksplat[8..16].fill(0);
     assert_eq!(read(&ksplat).unwrap().0.len(), 5);
     assert!(
-        reported("a", &ksplat[..30]).contains("the header: 4096 bytes at 0 are needed, but the file has 30")
+        reported("a", &ksplat[..30])
+            .contains("the header: 4096 bytes at offset 0 are needed, but the file has 30")
     );
     assert!(reported("a", &ksplat[..5000]).contains("the headers of sections"));
     assert!(reported("a", &ksplat[..ksplat.len() - 1]).contains("the splats of a section"));
@@ -411,10 +414,10 @@ fn unknown_content_is_refused_in_words() {
             "no field",
         ),
         (b"{\"version\": 7, \"means\": {}}", "SOG version 7"),
-        (b"{\"asset\": {\"version\": \"2.0\"}}", "is it a mesh"),
+        (b"{\"asset\": {\"version\": \"2.0\"}}", "is the file a mesh"),
         (
             b"ply\nformat binary_little_endian 1.0\nelement vertex 0\nproperty half x\nend_header\n",
-            "property type `half`",
+            "`half` is not a property type",
         ),
         (
             b"ply\nformat binary_little_endian 1.0\nelement vertex 0\nproperty float x\nproperty int x\nend_header\n",
@@ -428,7 +431,7 @@ fn unknown_content_is_refused_in_words() {
         (
             b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
               element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
-            "a mesh of 1 faces",
+            "a mesh (faces: 1)",
         ),
         (b"NGSP\x05\0\0\0\0\0\0\0\0\0\0\0", "version 5"),
     ] {

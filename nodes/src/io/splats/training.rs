@@ -10,13 +10,16 @@ pub(super) fn antialiased(comments: &[String], file: &str, notes: &mut Notes) ->
         return false;
     };
     if yes {
-        let text = format!("`{file}` was trained antialiased according to its comment `{}`", comment.trim());
+        let text = format!(
+            "the splats of `{file}` were trained with antialiasing, according to its comment `{}`",
+            comment.trim()
+        );
         notes.decision("antialiased", text);
     }
     yes
 }
 
-/// The value that one comment states for antialiasing; `None` if it does not mention it.
+/// The value that a comment states for antialiasing; `None` if the comment does not mention antialiasing.
 fn flag(comment: &str) -> Option<bool> {
     let lower = comment.to_ascii_lowercase();
     let words: Vec<&str> =

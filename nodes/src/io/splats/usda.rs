@@ -7,8 +7,9 @@ use engine::{NodeError, Notes, Up};
 use glam::{DMat3, DMat4, DVec3};
 
 use super::frame::Turn;
+use super::loaded::Loaded;
+use super::reading::Reading;
 use super::rows::{Row, RowFault, sh_rest};
-use super::{Loaded, Reading};
 use crate::error::Error;
 use crate::types::frame::Similarity;
 
@@ -24,7 +25,8 @@ const CENTIMETRE: f64 = 0.01;
 /// Maximum depth of nested prims.
 const DEEPEST: usize = 256;
 
-/// A prim that is being read: its type, its transforms by name, their order, and its lists of numbers.
+/// A prim that is being read: its type, its transforms by name, the order of these transforms, and its lists of
+/// numbers.
 #[derive(Default)]
 struct Prim {
     kind: String,

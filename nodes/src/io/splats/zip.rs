@@ -43,7 +43,7 @@ impl<'a> Archive<'a> {
         for _ in 0..count {
             let head = range(file, bytes, at, 46, "the table of contents of the ZIP archive")?;
             if u32_at(head, 0) != CENTRAL {
-                return Err(Error::format(file, "the table of contents of the ZIP archive is broken"));
+                return Err(Error::format(file, "the table of contents of the ZIP archive is corrupt"));
             }
             let length = u16_at(head, 28) as usize;
             let name = range(file, bytes, at + 46, length, "a name in the ZIP archive")?;
@@ -71,7 +71,7 @@ impl<'a> Archive<'a> {
         found.next().is_none().then_some(&first.name)
     }
 
-    /// Length of an entry after decompression, as declared; 0 if the entry does not exist.
+    /// Length of an entry after decompression, in bytes, as the archive declares it; 0 if the entry does not exist.
     pub fn length(&self, name: &str) -> usize {
         self.entries.iter().find(|entry| entry.name == name).map_or(0, |entry| entry.length)
     }

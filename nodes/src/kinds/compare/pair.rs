@@ -2,7 +2,7 @@
 
 use engine::{Context, NodeError};
 
-use super::{Compare, Space};
+use super::params::{Compare, Space};
 use crate::math::color::srgb_from_linear;
 use crate::math::metrics::{
     Errors, Exposures, Lpips, Plane, SSIM_RADIUS, Sight, ciede2000_map, errors, hdr_flip_map, mean_over,
@@ -64,13 +64,15 @@ impl Pair {
         if data(a) || data(b) {
             if a.encoding() != b.encoding() {
                 let what =
-                    format!("a picture of {} cannot be compared with one of {}", a.encoding(), b.encoding());
+                    format!("the encodings `{}` and `{}` cannot be compared", a.encoding(), b.encoding());
                 return Err(NodeError::new(what).at("reference"));
             }
             let (of_a, of_b) = (a.size().2, b.size().2);
             if of_a != of_b {
-                let what = format!("data of {of_a} channels cannot be compared with data of {of_b}");
-                let hint = "`layer` of `load-image` picks channels of an OpenEXR";
+                let what = format!(
+                    "pictures of data must have equal numbers of channels (picture: {of_a}, reference: {of_b})"
+                );
+                let hint = "select the channels of an OpenEXR file with `layer` of `load-image`";
                 return Err(NodeError::new(what).at("reference").hint(hint));
             }
             let (mut a, mut b) = (plain(a), plain(b));
@@ -115,7 +117,7 @@ impl Pair {
         let broken = |plane: &Plane| plane.samples.iter().filter(|v| v.is_nan()).count();
         let broken = broken(&self.a).max(broken(&self.b));
         if broken > 0 && !self.is_colour() {
-            let text = "samples are NaN; means over them are not computed";
+            let text = "of the samples had the value NaN, so the mean over a region with such a sample is not computed";
             missing.push(("not-a-number", format!("{broken} {text}")));
         }
         let colours = if let Of::Colours(colours) = &self.kind { Some(colours) } else { None };
@@ -180,8 +182,8 @@ impl Pair {
         Some(row)
     }
 
-    /// Measures for ratios: the mean of `|ln a - ln b|` over samples clamped to at least [`DARKEST`], and
-    /// intersection over union of the pixels whose mean is below 0.98.
+    /// Measures for ratios: the mean of `|ln a - ln b|` over samples clamped to at least [`DARKEST`], and the
+    /// intersection over union of the shadows, which are the pixels whose mean is below 0.98.
     fn ratio(&self, counts: impl Fn(usize) -> bool) -> (Option<f64>, Option<f64>) {
         let channels = self.a.channels.min(self.b.channels).max(1);
         let (mut sum, mut samples, mut both, mut either) = (0.0, 0_u64, 0_u64, 0_u64);

@@ -3,10 +3,10 @@
 use crate::types::{Cell, Report, Table};
 
 use super::pair::Row;
-use super::{Compare, Space};
+use super::params::{Compare, Space};
 
 /// Columns at the start of both tables. The columns of each table follow them.
-pub(super) const COMMON: [&str; 5] = ["view", "picture", "region", "pixels", "share of picture"];
+pub(super) const COMMON: [&str; 5] = ["view", "picture", "region", "pixels", "share of all pixels"];
 const COLOUR: [&str; 10] = [
     "psnr (dB)",
     "ssim_3dgs_zero_pad",
@@ -27,20 +27,20 @@ const RATIO: [&str; 5] = [
     "psnr (dB)",
     "mean absolute error",
     "largest error",
-    "mean |ln a - ln b| (from 0.001 up)",
-    "shadow IoU (below 0.98)",
+    "mean |ln a - ln b| (values raised to at least 0.001)",
+    "shadow IoU (pixels below 0.98)",
 ];
 /// Builds the report from the rows of the two tables.
 pub(super) fn report(p: &Compare, colour: Vec<Vec<Cell>>, ratio: Vec<Vec<Cell>>) -> Report {
     let space = match p.space {
-        Space::Display if p.quantise => "display values, 8 bits",
+        Space::Display if p.quantise => "8-bit display values",
         Space::Display => "display values",
-        Space::Linear => "linear light, HDR-FLIP",
+        Space::Linear => "linear light, with HDR-FLIP",
     };
     let title = match (colour.is_empty(), ratio.is_empty()) {
-        (true, false) => "Distance to the reference, in data values".to_owned(),
-        (false, false) => format!("Distance to the reference, in {space}; for data, in data values"),
-        (_, true) => format!("Distance to the reference, in {space}"),
+        (true, false) => "Difference from the reference, in data values".to_owned(),
+        (false, false) => format!("Difference from the reference (colours in {space}, data in data values)"),
+        (_, true) => format!("Difference from the reference, in {space}"),
     };
     let table =
         |name: &str, columns: &[&str], rows| Table::new(name, COMMON.iter().chain(columns).copied(), rows);
@@ -69,14 +69,14 @@ fn number(value: Option<f64>) -> Cell {
     }
 }
 
-/// Cells of a row whose values are all unknown.
+/// Cells of a row without values: the names, followed by missing cells.
 pub(super) fn unknown(names: [&str; 3], colour: bool) -> Vec<Cell> {
     let mut cells: Vec<Cell> = names.iter().map(|name| Cell::Text((*name).to_owned())).collect();
     cells.resize(COMMON.len() + if colour { COLOUR.len() } else { RATIO.len() }, Cell::Missing);
     cells
 }
 
-/// Cells of the row of a region. They have no values if the region contains no pixel.
+/// Cells of the row of a region. Their values are missing if the region contains no pixel.
 pub(super) fn cells(names: [&str; 3], row: Option<Row>, colour: bool, pixels: usize) -> Vec<Cell> {
     let mut cells: Vec<Cell> = names.iter().map(|name| Cell::Text((*name).to_owned())).collect();
     let count = row.as_ref().map_or(0, |row| row.errors.pixels);
@@ -125,7 +125,7 @@ fn prompt(scores: &[[f64; 2]]) -> Table {
     let mean = (!shares.is_empty()).then(|| shares.iter().sum::<f64>() / count);
     // Scores are not negative, so those without a share add nothing to the sums.
     let sums = scores.iter().fold([0.0; 2], |sum, s| [sum[0] + s[0], sum[1] + s[1]]);
-    rows.push(row("mean over all pairs that have a share".to_owned(), sums.map(|s| s / count), mean));
-    rows.push(row("share computed from the sums".to_owned(), sums, share(sums)));
-    Table::new("prompt", ["score", "positive", "negative", "positive / (positive + negative)"], rows)
+    rows.push(row("mean over all pairs except (0, 0)".to_owned(), sums.map(|s| s / count), mean));
+    rows.push(row("sum over all pairs".to_owned(), sums, share(sums)));
+    Table::new("prompt", ["pair", "positive", "negative", "positive / (positive + negative)"], rows)
 }

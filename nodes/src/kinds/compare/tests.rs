@@ -2,9 +2,11 @@
 
 use super::table::COMMON;
 use super::*;
+use crate::math::metrics::PIXELS_PER_DEGREE;
 use crate::math::num;
 use crate::testing::context;
 use crate::types::{Cell, Data, Image, Linear, Srgb};
+use engine::InputFile;
 
 fn one(picture: impl Into<Picture>) -> Arc<Images> {
     Arc::new(Images::single("v", picture))
@@ -51,7 +53,7 @@ fn what_is_open_is_black_in_the_numbers_of_the_picture() {
         let (out, notes) =
             Compare::run(&node, inputs(made.image.clone(), view.clone()), &context()).expect("runs");
         let found = notes.iter().find(|note| note.id == "alpha-on-black").expect("a note");
-        assert!(found.text.contains("192 pixels"), "{}", found.text);
+        assert!(found.text.contains("(count: 192)"), "{}", found.text);
         out.difference.0[0].picture.samples()[0]
     };
     assert_eq!(off(Space::Linear), 0.0);
@@ -234,10 +236,10 @@ fn what_is_infinite_alike_is_no_difference() {
     assert_eq!(off[1], Cell::Number(0.125));
     assert_eq!(row(depth(1, &far), depth(1, &[2.0, 3.0, 4.0, 0.0])).0[1], text("inf"));
     let (_, notes) = row(depth(1, &[1.0, f32::NAN]), depth(1, &[1.0, 1.0]));
-    assert!(notes.contains("1 samples are NaN"), "{notes}");
+    assert!(notes.contains("1 of the samples had the value NaN"), "{notes}");
     let other = inputs(depth(1, &[1.0]), depth(3, &[1.0; 3]));
     let Err(reported) = Compare::run(&node(), other, &context()) else { panic!("is compared") };
-    assert!(reported.to_string().contains("data of 1 channels"), "{reported}");
+    assert!(reported.to_string().contains("(picture: 1, reference: 3)"), "{reported}");
 }
 
 #[test]

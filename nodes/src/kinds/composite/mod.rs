@@ -28,9 +28,9 @@ engine::params! {
     /// A pixel of the result is `(B * S + A) * (1 - M) + O` in linear light, where `B` is the background, `S` the
     /// shadow, `A` the added light, and `O` the object, premultiplied by its alpha `M`. If `front` is wired, with
     /// colour `F` and alpha `a`, a pixel is `((B - F) * S + A * (1 - a)) * (1 - M) + F + O * (1 - a)`: the
-    /// background already shows `F`, so `F` is first subtracted from `B`, limited to what `B` contains. The colours
-    /// of a splat render are un-premultiplied before they are decoded. Holes of the background show `backdrop`;
-    /// with `backdrop: None` they stay transparent.
+    /// background already shows `F`, so `F`, limited to at most `B`, is first subtracted from `B`. The colours of a
+    /// splat render are un-premultiplied before they are decoded. Holes of the background show `backdrop`; with
+    /// `backdrop: None` they stay transparent.
     pub struct Composite {
         /// Linear colour behind the holes of the background; `None` keeps the alpha channel.
         backdrop: Option<[f64; 3]> = Some([0.0; 3]), range(0.0, 1e6), other("(0.5, 0.25, 1.0)");
@@ -207,7 +207,7 @@ impl Kind for Composite {
             };
             if let Some((_, _, channels)) = variance.map(Picture::size).filter(|size| size.2 != 4) {
                 let error =
-                    NodeError::new(format!("`variance` has {channels} channels; it needs 4")).at("variance");
+                    NodeError::new(format!("`variance` needs 4 channels, but has {channels}")).at("variance");
                 return Err(error.hint("wire the output `variance` of a `path-trace` node"));
             }
             let (mut shadow, mut added) = (data(&inputs.shadow, "shadow")?, data(&inputs.added, "added")?);
@@ -231,7 +231,7 @@ impl Kind for Composite {
         }
         let mut notes = Notes::none();
         if broken > 0 {
-            notes.warning("not-finite", format!("{broken} samples were not finite and are black"));
+            notes.warning("not-finite", format!("samples that were not finite are black (count: {broken})"));
         }
         if let Some(most) = blurs.iter().copied().reduce(f64::max) {
             let least = blurs.iter().copied().fold(most, f64::min);
@@ -253,7 +253,7 @@ fn factors(picture: &Picture, port: &'static str) -> Result<Image<Linear>, NodeE
             let samples = picture.samples().iter().flat_map(|&v| [v; 3]).collect();
             Ok(Image::from_samples(width, height, 3, samples))
         }
-        _ => Err(NodeError::new(format!("`{port}` has {channels} channels; it needs 1 or 3")).at(port)),
+        _ => Err(NodeError::new(format!("`{port}` needs 1 or 3 channels, but has {channels}")).at(port)),
     }
 }
 
@@ -425,7 +425,7 @@ mod tests {
         assert!((error(Some(reported)) - expected).abs() < 1e-6);
         assert_eq!(error(None), 0.0);
         let wrong = run(Some(data(vec![0.0; 3]))).err().expect("channels");
-        assert!(wrong.message().contains("3 channels"), "{wrong}");
+        assert!(wrong.message().contains("but has 3"), "{wrong}");
     }
 
     #[test]

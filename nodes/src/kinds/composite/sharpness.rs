@@ -15,12 +15,12 @@ use crate::types::{Image, Linear};
 const REACH: usize = 4;
 /// Minimum contrast of an edge, in display values.
 const CONTRAST: f32 = 0.12;
-/// Quantile, among the blurs of all edges, that is taken as the blur of a background. Softer edges, such as the
-/// edges of penumbras and round shapes, are soft in the scene itself.
+/// Quantile of the blurs of all edges that is taken as the blur of a background. Edges of penumbras and round
+/// shapes are soft in the scene itself, so they have a larger blur.
 const SHARPEST: f64 = 0.1;
 /// Minimum number of edges for a measurement.
 const FEWEST: usize = 64;
-/// Blur, in pixels, that [`edge_width`] finds at an unblurred step between two pixels. Edges in renders are such
+/// Blur, in pixels, that [`edge_width`] measures at an unblurred step between two pixels. Edges in renders are such
 /// steps.
 const RENDERED: f64 = 0.551;
 /// Maximum blur that is matched, in pixels. A background with a larger blur is out of focus rather than soft.
@@ -77,7 +77,7 @@ fn edge_width(line: &[f32; 2 * REACH + 1]) -> Option<f64> {
 }
 
 /// Bounding box of the covered pixels, grown by its own size on each side: `[x0, y0, x1, y1]`, the last two
-/// exclusive.
+/// exclusive. `None` if no pixel is covered.
 fn surroundings(object: &Image<Linear>) -> Option<[usize; 4]> {
     if object.channels != 4 {
         return Some([0, 0, object.width, object.height]);

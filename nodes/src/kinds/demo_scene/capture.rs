@@ -9,7 +9,7 @@ use super::light::{Effort, Lit, Rgb, add, times};
 use super::place::Layout;
 use super::random::unit;
 use super::shape::Quad;
-use super::{View, WorldFrame};
+use super::view::{View, WorldFrame};
 use crate::math::color::srgb_from_linear;
 use crate::math::num;
 use crate::types::{SplatEncoding, Splats};
@@ -43,7 +43,7 @@ impl Patch {
     }
 }
 
-/// A splat before it is moved to the world.
+/// A splat in the frame of the demo scene.
 struct Splat {
     mean: DVec3,
     axes: [DVec3; 3],
@@ -114,8 +114,8 @@ fn patches(quads: &[Quad], view: &View, count: usize) -> Vec<Patch> {
     found
 }
 
-/// Divides the quads into patches of at most `pixels` per side. Returns their number, and appends them to `list` if
-/// it is given.
+/// Divides the quads into patches whose sides appear at most `pixels` pixels long. Returns their number, and
+/// appends them to `list` if it is given.
 fn cut(quads: &[Quad], view: &View, pixels: f64, mut list: Option<&mut Vec<Patch>>) -> usize {
     let mut count = 0;
     let mut work = Vec::new();
@@ -177,7 +177,7 @@ fn splat(lit: &Lit<'_>, layout: &Layout, patch: Patch, key: u64, world: &WorldFr
     Some(Splat { mean: p, axes: [along, across, facet], scales, opacity: 0.93 + 0.06 * random(3), sh })
 }
 
-/// Position of the first camera of the capture that sees a point.
+/// Position of the first camera of the capture that sees a point; `None` if no camera sees it.
 fn witness(lit: &Lit<'_>, layout: &Layout, quad: &Quad, p: DVec3, n: DVec3) -> Option<DVec3> {
     let middle = DVec3::new(0.0, 0.1, 0.95);
     let sees = |eye: &&DVec3| {
@@ -199,7 +199,7 @@ fn display(rgb: Rgb) -> Rgb {
     rgb.map(|v| f64::from(srgb_from_linear(v.clamp(0.0, 1.0) as f32)))
 }
 
-/// Coefficients of spherical harmonics for a colour that does not depend on direction.
+/// Coefficients of spherical harmonics of a colour that is the same in all directions.
 fn flat(colour: Rgb) -> [Rgb; SH] {
     let mut sh = [[0.0; 3]; SH];
     sh[0] = colour.map(|v| (v - 0.5) / basis(DVec3::Z)[0]);

@@ -43,7 +43,7 @@ const LEAF: usize = 4;
 const BINS: usize = 12;
 
 impl Caster {
-    /// Builds the hierarchy. The surfaces outside a window are left out, so that rays reach the sky there.
+    /// Builds the hierarchy. Surfaces that rays do not hit, such as the view through a window, are left out.
     pub(super) fn new(quads: &[Quad]) -> Self {
         let mut triangles = Vec::with_capacity(quads.len() * 2);
         for (i, quad) in quads.iter().enumerate().filter(|(_, quad)| quad.paint.is_solid()) {
@@ -85,7 +85,7 @@ impl Caster {
         caster
     }
 
-    /// Nearest hit within the distance `reach`.
+    /// Nearest hit of a ray within the distance `reach`; `None` if there is no hit.
     pub(super) fn nearest(&self, from: DVec3, toward: DVec3, reach: f64) -> Option<Hit> {
         let mut best = Hit { distance: reach, quad: u32::MAX, u: 0.0, v: 0.0 };
         self.walk(from, toward, &mut best, false);
@@ -171,8 +171,8 @@ fn hull(boxes: impl Iterator<Item = [DVec3; 2]>) -> [DVec3; 2] {
     boxes.fold(empty, |[low, high], [l, h]| [low.min(l), high.max(h)])
 }
 
-/// Partitions `order` by the surface area heuristic, and returns the length of the first part. Splits at the middle
-/// if no plane is better, so the depth is bounded.
+/// Partitions `order` by the surface area heuristic, and returns the length of the first part. `None` if no plane
+/// separates the centres of the triangles.
 fn split(order: &mut [u32], bounds: &[[DVec3; 2]]) -> Option<usize> {
     let centre = |i: u32| bounds[i as usize][0] + bounds[i as usize][1];
     let [low, high] = hull(order.iter().map(|&i| [centre(i), centre(i)]));

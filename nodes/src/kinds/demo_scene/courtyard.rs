@@ -1,4 +1,4 @@
-//! A paved courtyard in the sun: two walls with an arcade, a basin, a bench, planters.
+//! A paved courtyard in the sun, with two walls, a pergola, a basin, a bench and planters.
 
 use std::f64::consts::PI;
 

@@ -79,7 +79,7 @@ impl Sky {
     }
 }
 
-/// Number of rays for each kind of light.
+/// Number of rays for each source of light.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Effort {
     pub sky: usize,
@@ -297,13 +297,14 @@ struct Point {
     indirect: Rgb,
 }
 
-/// Light at scattered points of the surfaces, found through a grid.
+/// Light at scattered points of the surfaces, with a grid to find the points near a position.
 #[derive(Default)]
 struct Cache {
     points: Vec<Point>,
     low: DVec3,
     size: [usize; 3],
-    /// Start of the points of each cell in `order`: `order[starts[cell]..starts[cell + 1]]`.
+    /// Index in `order` of the first point of each cell. The points of a cell are `order[starts[cell]..starts[cell
+    /// + 1]]`.
     starts: Vec<u32>,
     order: Vec<u32>,
 }
@@ -475,7 +476,7 @@ impl Cache {
     }
 }
 
-/// Weight of a point of the cache for the light at `p`.
+/// Weight of `point`, a point of the cache, for the light at `p` on a surface with the normal `n`.
 fn closeness(p: DVec3, n: DVec3, point: &Point) -> f64 {
     let way = p - point.p;
     let near = 1.0 - way.length_squared() / (2.0 * RADIUS * RADIUS);

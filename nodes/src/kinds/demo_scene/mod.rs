@@ -24,6 +24,7 @@ mod shape;
 
 use light::{Effort, Lit};
 use place::Layout;
+use view::{View, WorldFrame};
 
 engine::choices! {
     /// Setting of the demo scene.
@@ -80,33 +81,6 @@ engine::outputs! {
         /// The true light at the object, unclipped.
         truth_env: Arc<Environment>,
     }
-}
-
-/// Conversion from metres in the frame of the scene to world units.
-struct WorldFrame {
-    axes: [DVec3; 3],
-    per_metre: f64,
-}
-
-impl WorldFrame {
-    fn turn(&self, v: DVec3) -> DVec3 {
-        self.axes[0] * v.x + self.axes[1] * v.y + self.axes[2] * v.z
-    }
-
-    fn point(&self, p: DVec3) -> DVec3 {
-        self.turn(p) * self.per_metre
-    }
-}
-
-/// The camera in the frame of the scene.
-struct View {
-    eye: DVec3,
-    right: DVec3,
-    down: DVec3,
-    forward: DVec3,
-    focal: f64,
-    width: f64,
-    height: f64,
 }
 
 impl View {
@@ -192,9 +166,13 @@ impl Kind for DemoScene {
         notes.count(
             "unseen-patches",
             defects.unseen,
-            "patches were seen by no camera of the capture and are missing",
+            "of the patches had to be left out, because no camera of the capture saw them",
         );
-        notes.count("floaters", defects.floaters, "splats float in the air");
+        notes.count(
+            "floaters",
+            defects.floaters,
+            "of the splats received a position in mid-air, like the floaters of a real capture",
+        );
         let out = Out {
             splats: Arc::new(splats),
             proxy: Arc::new(proxy),
@@ -239,11 +217,11 @@ fn truth(
     Ok(Environment { image: image.into(), up: cx.up(), origin: Some(world.point(from)) })
 }
 
-/// Number of points along each side of a square over the disc of the sun.
+/// Number of steps in radius, and also in angle, of the grid of points on the disc of the sun.
 const SUN_POINTS: usize = 64;
 
-/// Adds the sun, whose disc may be smaller than a pixel: each visible point of the disc adds its share of the
-/// irradiance to the pixel that contains it.
+/// Adds the sun, whose disc may be smaller than a pixel. The irradiance of the sun is divided equally among points
+/// of the disc, and each visible point adds its share to the pixel that contains it.
 fn add_sun(lit: &Lit<'_>, from: DVec3, image: &mut Image<Linear>) {
     let (width, height) = (image.width, image.height);
     let (a, b) = light::frame(lit.sky.sun);
@@ -267,3 +245,4 @@ fn add_sun(lit: &Lit<'_>, from: DVec3, image: &mut Image<Linear>) {
 
 #[cfg(test)]
 mod tests;
+mod view;

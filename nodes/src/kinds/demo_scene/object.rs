@@ -115,7 +115,7 @@ fn single(v: DVec3) -> [f32; 3] {
     [v.x as f32, v.y as f32, v.z as f32]
 }
 
-/// Solid of revolution about the y axis, with a profile from bottom to top.
+/// Solid of revolution about the y axis. `profile` runs from bottom to top.
 fn turned(profile: &[[f64; 2]], foot: DVec3, turns: usize, material: u32) -> Primitive {
     let mut p = Primitive { material, ..Primitive::default() };
     let last = profile.len() - 1;
@@ -214,7 +214,8 @@ fn relief(strength: f64, height: impl Fn(f64, f64) -> f64) -> Texture {
     })
 }
 
-/// Value of `f`, made periodic in u because textures wrap around.
+/// Value at `u` of a periodic version of `f`, which blends `f(u)` with `f(u - 1)`. Textures wrap around, so their
+/// values must be periodic.
 fn wrapped(u: f64, f: impl Fn(f64) -> f64) -> f64 {
     let u = u - u.floor();
     f(u) * (1.0 - u) + f(u - 1.0) * u

@@ -95,7 +95,7 @@ impl Paint {
         if let Paint::Glow(radiance) = self { radiance } else { [0.0; 3] }
     }
 
-    /// Appearance at (u, v), in metres.
+    /// Appearance at the texture coordinates (u, v), in metres.
     pub(super) fn look(self, seed: u64, [u, v]: [f64; 2]) -> Appearance {
         let matte = |albedo| Appearance { albedo, gloss: None };
         match self {

@@ -7,10 +7,11 @@ use engine::{Context, NodeError};
 use glam::DVec3;
 
 use super::light::{Effort, Lit};
+use super::paint::Paint;
 use super::place::Layout;
 use super::random::unit;
 use super::shape::Quad;
-use super::{WorldFrame, paint::Paint};
+use super::view::WorldFrame;
 use crate::math::color::{code8, linear_from_srgb, srgb_from_linear};
 use crate::types::Mesh;
 

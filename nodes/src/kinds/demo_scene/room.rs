@@ -17,7 +17,7 @@ const RIGHT: f64 = 2.75;
 const FRONT: f64 = -2.55;
 const BACK: f64 = 2.25;
 const CEILING: f64 = 2.7;
-/// Edges of the window in y and z, in metres.
+/// Range of the window in y and in z, in metres.
 const WINDOW: [[f64; 2]; 2] = [[-1.0, 1.05], [0.7, 2.25]];
 const REVEAL: f64 = 0.16;
 

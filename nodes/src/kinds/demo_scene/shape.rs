@@ -75,7 +75,7 @@ impl Place {
     }
 }
 
-/// Collects quads; solids are numbered as they are added.
+/// Builder of the quads of a scene. Solids are numbered in the order in which they are added.
 #[derive(Default)]
 pub(super) struct Shapes {
     pub quads: Vec<Quad>,

@@ -1,4 +1,4 @@
-//! Fireflies: single pixels lit by one improbable path.
+//! Fireflies: single pixels that one improbable path makes far too bright.
 //!
 //! A path that reaches a sun by way of an object may give a pixel many times the light of its surroundings. Such
 //! paths are rare: one pixel among hundreds receives the light that should be spread over all of these pixels.

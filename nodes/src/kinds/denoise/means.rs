@@ -22,7 +22,8 @@ const PATCHES: usize = 2 * PATCH + 1;
 const LANES: usize = 8;
 /// Number of pixels per row that are compared for the patches of a tile, rounded up to whole vectors.
 const SIDE: usize = (TILE + 2 * PATCH).next_multiple_of(LANES);
-/// Number that is added to variances before a division, so that none is 0. It is negligible for signals near 1.
+/// Number that is added to variances before they are used as divisors, so that no divisor is 0. It is negligible
+/// for signals near 1.
 const FLOOR: f32 = 1e-8;
 /// Maximum relative difference in depth between a pixel and the plane of another pixel for both to belong to the
 /// same surface.
@@ -51,7 +52,7 @@ pub struct Pixel {
     pub values: [f32; VALUES],
     /// True if the pixel takes part in averages.
     pub there: bool,
-    /// Normal of the surface; 0 where the surface does not matter.
+    /// Normal of the surface; 0 if normals are not compared at the pixel.
     pub normal: Vec3,
     /// Reciprocal of the depth, its change per column, and its change per row. On a plane, the reciprocal is linear
     /// over the pixels.
@@ -236,14 +237,14 @@ const AVERAGED: usize = 13;
 /// have to be averaged at full weight. They exist only if weights are reduced by variance.
 const DOUBT: usize = AVERAGED + VALUES;
 
-/// A tile and its surroundings, one plane per number of a pixel, so that rows can be processed in vector
+/// A tile and its surroundings. Each number of a pixel has its own plane, so that rows can be processed in vector
 /// registers. No lane depends on another, so vectors of any width give the same bits.
 struct Tile {
     /// Width of the border around the tile, in pixels.
     rim: usize,
-    /// Length of a row.
+    /// Length of a row of a plane, in values.
     stride: usize,
-    /// Length of a plane.
+    /// Length of a plane, in values.
     size: usize,
     planes: Vec<f32>,
     doubts: bool,
@@ -398,7 +399,7 @@ impl Tile {
     }
 
     /// Adds the pixels of a row that starts at q to the sums of a row that starts at p. The weights are computed
-    /// from `rows`, the distances in the rows of the patches.
+    /// from `rows`: for each row of the two patches, the sum of the distances between their pixels.
     #[inline(always)]
     fn add<S: Simd>(
         &self,

@@ -30,7 +30,7 @@ impl Method {
         }
     }
 
-    /// Memory in bytes in addition to the layers.
+    /// Memory that the method needs in addition to the layers, in bytes, for layers of `pixels` pixels.
     pub(super) fn bytes(self, pixels: usize) -> u64 {
         match self {
             Self::Means => 0,

@@ -70,9 +70,9 @@ engine::outputs! {
     }
 }
 
-/// Factors of `strength` for the ratio and the object, in standard deviations: the best of several values for the
-/// case in `docs/evidence/bench.md`. The error hardly changes if these factors are changed by up to a factor of
-/// 1.5.
+/// Factors by which `strength` is multiplied for the ratio and for the object, in standard deviations. They are the
+/// best of several values for the case in `docs/evidence/bench.md`. The error hardly changes if these factors are
+/// changed by up to a factor of 1.5.
 const STRENGTHS: [f64; 2] = [0.7, 0.5];
 /// Allowed differences of normals for the ratio and the object, as 1 - cosine. The receiver's mesh is rough and its
 /// normals affect only the ratio; the normals of the object affect the shading that is filtered.
@@ -144,7 +144,7 @@ fn guide<'a>(
     if picture.size().2 == channels {
         return Ok(picture);
     }
-    let what = format!("`{port}` has {} channels; it needs {channels}", picture.size().2);
+    let what = format!("the channel count of `{port}` must be {channels}, but is {}", picture.size().2);
     Err(NodeError::new(what)
         .at(port)
         .hint("wire every input to the output of the same name of a single `path-trace` node"))
@@ -208,8 +208,7 @@ impl Kind for Denoise {
             cx.progress((index + 1) as f32 / views.len() as f32);
         }
         let [without, with, object] = sets.map(|set| Arc::new(Images(set)));
-        let what =
-            "fireflies in `with` (pixels lit by one improbable path) were replaced by the ratio around them";
+        let what = "of the pixels of `with` had a firefly (light from one improbable path) and received the mean ratio of the pixels around it";
         notes.count("fireflies", fireflies, what);
         Ok((Out { without, with, object }, notes))
     }

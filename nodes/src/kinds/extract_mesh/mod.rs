@@ -24,7 +24,7 @@ engine::params! {
     /// it.
     ///
     /// The splats are rendered from many places in empty space. The search for these places starts at `around` and
-    /// `cameras`, and adds places that earlier views have seen to be empty; further views show the surroundings of
+    /// `cameras`, and adds places that earlier views show to be empty; further views show the surroundings of
     /// `around` from above. The depths of all views (`RayMedian` of `splat-render`) are fused into distances to the
     /// surface, in cells that are fine near `around` and coarser farther away. The mesh has holes where no view
     /// sees the scene, and it ends at `reach_metres`, so it contains neither sky nor backdrop. Its colours are the
@@ -68,7 +68,7 @@ engine::outputs! {
     pub struct Out {
         /// The mesh.
         mesh: Arc<Mesh>,
-        /// Counts from the extraction, and how well the mesh fits the splats.
+        /// Counts from the extraction, and measures of the agreement between the mesh and the splats.
         report: Arc<Report>,
     }
 }
@@ -88,7 +88,7 @@ const MOST_CUBES: usize = 1 << 16;
 
 impl Kind for ExtractMesh {
     const NAME: &'static str = "extract-mesh";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
     type Params = Self;
     type In = In;
@@ -123,7 +123,7 @@ impl Kind for ExtractMesh {
         let at = around.as_deref().map(Pose::translation);
         let Some(origin) = at.or(eyes.first().copied()) else {
             return Err(NodeError::new(
-                "there is no place to start in empty space: neither `around` nor `cameras` is wired",
+                "the search for empty space has no starting point: neither `around` nor `cameras` is wired",
             )
             .at("around")
             .hint("wire the pose of an object to `around`, or cameras in empty space to `cameras`"));
@@ -150,7 +150,7 @@ impl Kind for ExtractMesh {
 
         if places.blocked > 0 {
             let text = format!(
-                "{} of the given places are inside a surface and were left out: check that `around` is above the ground and \
+                "places inside a surface were left out (count: {}); check that `around` is above the ground and \
                  that the cameras are in empty space",
                 places.blocked
             );
@@ -166,7 +166,7 @@ impl Kind for ExtractMesh {
         if too_many {
             let farthest = cubes.iter().map(|cube| levels.distance_to(*cube)).fold(0.0, f32::max);
             let text = format!(
-                "the mesh ends at {:.2} m, at the limit of {MOST_CUBES} cubes of cells; raise `voxel_metres` for a larger mesh",
+                "the mesh reaches only {:.2} m, because the number of cubes of cells is limited to {MOST_CUBES}; raise `voxel_metres` for a larger mesh",
                 f64::from(farthest) / metre
             );
             notes.degraded("mesh-cut", text);
@@ -214,10 +214,10 @@ impl Kind for ExtractMesh {
         cx.count("mesh_triangles", mesh.triangles.len() as u64);
         let mut tables = vec![report::counts(&[
             ("places", places.eyes.len()),
-            ("places given", places.given),
-            ("places too near to a surface", places.failed),
-            ("views from above", places.steep),
-            ("cubes of cells", held),
+            ("places taken from `around` and `cameras`", places.given),
+            ("candidate places too near to a surface", places.failed),
+            ("views of `around` from above", places.steep),
+            ("cubes of cells that were fused", held),
             ("triangles before simplification", raw),
             ("triangles", mesh.triangles.len()),
             ("vertices", mesh.positions.len()),

@@ -1,4 +1,5 @@
-//! The report of `extract-mesh`: counts, the ground around the focus, and how the mesh fits each camera.
+//! The report of `extract-mesh`: counts, the ground around the focus, and the agreement between the mesh and the
+//! splats in each camera.
 
 use engine::{Context, NodeError};
 use glam::{DVec3, Vec3};
@@ -25,10 +26,11 @@ fn count(name: &str, value: usize) -> Vec<Cell> {
 
 /// Table of counts by name.
 pub(super) fn counts(rows: &[(&str, usize)]) -> Table {
-    Table::new("counts", ["what", "number"], rows.iter().map(|(name, value)| count(name, *value)).collect())
+    Table::new("counts", ["item", "count"], rows.iter().map(|(name, value)| count(name, *value)).collect())
 }
 
-/// Cell with a length in millimetres, converted from world units. `metre` is the length of a metre in world units.
+/// Cell with a length in millimetres, converted from world units; a missing cell if `units` is `None`. `metre` is
+/// the length of a metre in world units.
 fn mm(units: Option<f64>, metre: f64) -> Cell {
     units.map_or(Cell::Missing, |units| Cell::Number(units / metre * 1000.0))
 }
@@ -68,10 +70,10 @@ pub(super) fn ground(surface: &Surface, seen: &[Seen], focus: Vec3, axes: [DVec3
     ]];
     let columns = [
         "vertices",
-        "height over `around` (mm)",
+        "height above `around` (mm)",
         "slope (rise over run)",
         "roughness (mm)",
-        "views, median",
+        "views per vertex, median",
         "deviation between views, median (mm)",
     ];
     Table::new("ground", columns, rows)
@@ -107,11 +109,11 @@ pub(super) fn views(
     let rows = rig.cameras.iter().step_by(every).map(row).collect::<Result<Vec<_>, NodeError>>()?;
     let columns = [
         "view",
-        "distance to the splats, median (mm)",
-        "distance to the splats, 95th percentile (mm)",
-        "splats without mesh (%)",
-        "mesh without splats (%)",
-        "mesh seen from behind (%)",
+        "distance between mesh and splats, median (mm)",
+        "distance between mesh and splats, 95th percentile (mm)",
+        "pixels with splats but no mesh (%)",
+        "pixels with mesh but no splats (%)",
+        "pixels that show the back of the mesh (%)",
     ];
     Ok(Table::new("views", columns, rows))
 }

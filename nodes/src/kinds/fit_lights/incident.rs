@@ -26,7 +26,8 @@ pub(super) struct Incident {
     pub clipped: Vec3,
 }
 
-/// Displayed radiance of the environment in a direction, at most white, and whether it is clipped there.
+/// Displayed radiance of the environment in a direction, limited to white, and whether the environment is clipped
+/// in that direction.
 pub(super) fn shown(env: &Environment, direction: DVec3) -> (Vec3, bool) {
     let (u, v) = uv(env.up, direction);
     let (width, height) = (env.image.width, env.image.height);

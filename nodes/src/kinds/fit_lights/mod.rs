@@ -18,7 +18,7 @@ mod sun;
 
 use self::place::Place;
 use self::shading::Shading;
-use self::sun::{Sun, Verdict};
+use self::sun::{RIVAL_DEG, Sun, Verdict};
 
 engine::params! {
     /// Finds the sun of a recovered environment from the shadows that it casts in the captured place.
@@ -31,8 +31,8 @@ engine::params! {
     /// receive. The light that does not come from the sun is known, because it comes from surfaces and sky that are
     /// not clipped. The comparison is robust: differences in albedo reduce its precision, but do not bias it.
     ///
-    /// If one direction explains the colours clearly better than all others, the sun is placed there with its
-    /// fitted irradiance and colour, and the clipped region around it gets the fitted glow in place of the
+    /// If one direction explains the colours clearly better than all others, the sun is placed in that direction
+    /// with its fitted irradiance and colour, and the clipped region around it gets the fitted glow in place of the
     /// predicted light. Otherwise the environment is unchanged. Clipped mesh colours count as openings, so the sun
     /// may shine through a window.
     pub struct FitLights {
@@ -47,7 +47,7 @@ engine::params! {
 engine::inputs! {
     /// Inputs of `fit-lights`.
     pub struct In {
-        /// The recovered light, with the point that it was captured at.
+        /// The recovered light, with its point of capture.
         env: Arc<Environment>,
         /// The mesh of the place; its vertex colours are used if `splats` is not wired.
         receiver: Arc<Mesh>,
@@ -68,7 +68,7 @@ engine::outputs! {
 
 impl Kind for FitLights {
     const NAME: &'static str = "fit-lights";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     type Params = Self;
     type In = In;
     type Out = Out;
@@ -96,7 +96,7 @@ impl Kind for FitLights {
             let what = "the environment has no point of capture, so it cannot be compared with the place";
             return Err(NodeError::from(Error::Mismatch(what.to_owned()))
                 .at("env")
-                .hint("set `origin` in the node that loads it"));
+                .hint("set `origin` in the node that loads the environment"));
         };
         if splats.is_none() && receiver.colours.is_empty() {
             let what = "the mesh has no vertex colours";
@@ -131,7 +131,7 @@ impl Kind for FitLights {
     }
 }
 
-/// Decides whether the best candidate is a sun that lights the point of the panorama.
+/// Decides whether the best candidate is accepted as a sun that lights the point of capture.
 fn judge(params: &FitLights, found: Option<&Sun>, place: &Place, origin: DVec3) -> Verdict {
     match found {
         None => Verdict::NothingToCompare,
@@ -150,20 +150,21 @@ fn report(env: &Environment, sun: Option<&Sun>, verdict: &str) -> Report {
             .map(Cell::Number);
         numbers.into_iter().chain([Cell::Text(verdict.to_owned())]).collect()
     });
+    let rival = format!("best gain more than {RIVAL_DEG} degrees away");
     let columns = [
         "azimuth (deg)",
         "elevation (deg)",
-        "irradiance red",
-        "irradiance green",
-        "irradiance blue",
-        "standard error (stops)",
-        "glow relative to clipped white",
+        "irradiance (red)",
+        "irradiance (green)",
+        "irradiance (blue)",
+        "standard error of the irradiance (stops)",
+        "radiance of clipped surfaces and sky, relative to their displayed value",
         "gain",
-        "gain of the best other direction",
+        rival.as_str(),
         "verdict",
     ];
     Report {
-        title: "Lights fitted to the shading of the place".to_owned(),
+        title: "Sun fitted to the shadows of the place".to_owned(),
         tables: vec![Table::new("sun", columns, rows.into_iter().collect())],
     }
 }

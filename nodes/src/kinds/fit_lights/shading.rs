@@ -112,7 +112,8 @@ fn surface(position: DVec3, normal: DVec3, radiance: Vec3, area: f64, origin: DV
     usable.then_some(Surface { point: Point { position, normal, radiance }, area, distance })
 }
 
-/// Converts a splat to a surface: its two long axes span the surface, and its short axis is the normal.
+/// Converts a splat to a surface: its two long axes span the surface, and its short axis is the normal. `None` if
+/// the splat cannot be used, for example because it is transparent.
 fn of_splat(splats: &Splats, index: usize, place: &Place, origin: DVec3) -> Option<Surface> {
     let scales = splats.scales[index].map(f64::from);
     let thin = (0..3).min_by(|&a, &b| scales[a].total_cmp(&scales[b]))?;

@@ -28,7 +28,7 @@ const MARGIN_DEG: f64 = 2.0;
 /// Sine of the lowest elevation of a sun.
 const LOWEST: f64 = 0.02;
 /// Angle around the best direction, in degrees, within which other directions do not count as rivals.
-const RIVAL_DEG: f64 = 8.0;
+pub(super) const RIVAL_DEG: f64 = 8.0;
 /// Number of coarse directions that are refined.
 const REFINED: usize = 4;
 /// Step sizes of the refinement, in degrees.
@@ -40,7 +40,7 @@ const FEW: [f64; 3] = [0.5, 2.0, 8.0];
 /// Irradiances of a candidate sun that the fine search tries, relative to the median of all other light.
 const MANY: [f64; 8] = [0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0];
 
-/// The direction that explains the colours of the place best.
+/// The best candidate for the sun: the direction that explains the colours of the place best, with its light.
 #[derive(Debug, Clone)]
 pub(super) struct Sun {
     /// Unit direction to the sun.
@@ -52,7 +52,7 @@ pub(super) struct Sun {
     pub error_stops: f64,
     /// Radiance of clipped sky without the sun, relative to its displayed value.
     pub glow: f64,
-    /// Fraction by which the sun lowers the cost of the best explanation without a sun.
+    /// Relative reduction of the cost by adding the sun, compared with the best fit without a sun.
     pub gain: f64,
     /// Gain of the best direction that is more than [`RIVAL_DEG`] away from `direction`.
     pub rival: f64,
@@ -65,7 +65,7 @@ impl Sun {
     }
 }
 
-/// Whether the best candidate is accepted as the sun, or the reason why it is not.
+/// Whether the best candidate is accepted as the sun, and if not, the reason.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Verdict {
     Accepted,
@@ -84,7 +84,7 @@ impl Verdict {
                 "nothing above the horizon is clipped, or too few surface points can be compared"
             }
             Self::Unexplained => {
-                "no direction of a sun explains the colours of the place better than light without a sun"
+                "in no direction does a sun explain the colours of the place clearly better (see `min_gain`)"
             }
             Self::Ambiguous => "several directions explain the colours of the place about equally well",
             Self::Hidden => "the sun found from the shadows does not light the point of capture",
@@ -159,7 +159,8 @@ pub(super) fn find(
     }))
 }
 
-/// Item with the smallest number, and that number. Of items with equal numbers, the first is returned.
+/// The number and the item of the pair with the smallest number. Of pairs with equal numbers, the first is
+/// returned.
 fn least<T: Copy>(of: impl IntoIterator<Item = (f64, T)>) -> (f64, T) {
     let mut of = of.into_iter();
     let first = of.next().expect("the lists of settings and directions are not empty");
@@ -251,7 +252,7 @@ impl<'a> Fit<'a> {
         Self { pairs, ratios, base: base.into(), median }
     }
 
-    /// The cost without a sun.
+    /// The cost of explaining the colours without a sun, with the glow of index `glow` in [`GLOWS`].
     fn without(&self, glow: usize) -> f64 {
         self.cost(glow, &vec![0.0; self.base[glow].len()], 0.0)
     }

@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 
 use engine::{Context, NodeError};
 
-use super::Fused;
+use super::fused::Fused;
 use super::ledger::{Lights, luminance_of};
 use crate::light::linear::LinearPixels;
 use crate::math::equirect::pixel_solid_angle;
@@ -54,18 +54,18 @@ impl Lights {
     }
 }
 
-/// Search for the nearest unlit pixel. Within a row, the nearest pixel by columns is also the nearest by
-/// angle, so one lookup per row within reach is enough.
+/// Search for the nearest unlit pixel, that is, the nearest pixel that belongs to no light. Within a row, the
+/// nearest pixel by columns is also the nearest by angle, so one lookup per row within reach is enough.
 struct Edges {
     width: usize,
     /// Upper limit of the returned angles, in radians.
     most: f64,
-    /// Number of columns from each pixel to the nearest unlit pixel of its row. `None` if the whole row is
-    /// lit.
+    /// Number of columns from each pixel to the nearest unlit pixel of its row. `None` if no pixel of the row is
+    /// unlit.
     columns: Vec<Option<u32>>,
     /// Sine and cosine of the polar angle of each row.
     rows: Vec<(f64, f64)>,
-    /// For each number of columns, up to half a turn, the cosine of the angle that they span.
+    /// Cosine of the angle that each number of columns spans, from 0 columns to half a turn.
     turns: Vec<f64>,
 }
 
@@ -98,7 +98,8 @@ impl Edges {
     }
 }
 
-/// Number of columns from each pixel of a row to the nearest unlit pixel of the row. The row wraps around.
+/// Number of columns from each pixel of a row to the nearest unlit pixel of the row, which wraps around. `None` if
+/// no pixel of the row is unlit.
 fn columns_to_edge(lit: &[bool]) -> Vec<Option<u32>> {
     let width = lit.len();
     let mut nearest = vec![None; width];

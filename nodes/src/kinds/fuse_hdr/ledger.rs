@@ -3,7 +3,8 @@
 use engine::{Notes, Up};
 use glam::DVec3;
 
-use super::{Fused, Gain};
+use super::fused::Fused;
+use super::gain::Gain;
 use crate::light::energy::Energy;
 use crate::light::linear::{LinearPixels, max3};
 use crate::light::{measure, regions};
@@ -25,12 +26,13 @@ pub(super) struct Lights {
     pub members: Vec<Vec<usize>>,
     /// Pixels that fusion made darker, which do not count as lights.
     darker: Vec<usize>,
-    /// Pixels left unchanged although light was predicted for them.
+    /// Pixels that fusion left unchanged although light was predicted for them.
     left: Vec<usize>,
     /// Name of each step, and the luminance of pixels after it: one list for each light, then one list for the
     /// pixels made darker, and one for the pixels left unchanged.
     steps: Vec<(&'static str, Vec<Vec<f64>>)>,
-    /// Index of the first step with an added sky, and the pixels of the sky with their luminance.
+    /// Index of the first step with an added sky, and the pixels of the sky with their luminance. `None` if no sky
+    /// was added.
     sky: Option<(usize, Vec<(usize, f64)>)>,
 }
 
@@ -86,7 +88,7 @@ impl Lights {
         let all: f64 = (0..pixels.rgb.len()).map(own).sum();
         if lost > UNUSED * all {
             let text = format!(
-                "the exposures are darker than the panorama in {} pixels above `threshold`, which removes {:.1} % of the panorama's power; `blend: Ramp` removes no light",
+                "the exposures are darker than the panorama at pixels above `threshold` (count: {}), which removes {:.1} % of the panorama's power; `blend: Ramp` removes no light",
                 self.darker.len(),
                 100.0 * lost / all
             );
@@ -120,12 +122,12 @@ impl Lights {
                 0 => String::new(),
                 _ if !pixels.ceiling => String::new(),
                 n => format!(
-                    "; {n} clipped pixels get no light; check that the prediction was made for `base`"
+                    "; clipped pixels get no light (count: {n}); check that the prediction was made for `base`"
                 ),
             };
             notes.warning(
                 "prediction-unused",
-                format!("{percent:.1} % of the predicted light belongs to {count} pixels below `threshold` and is left out; `threshold` should be below `white` of the prediction{without}"),
+                format!("{percent:.1} % of the predicted light belongs to pixels below `threshold` (count: {count}) and is left out; `threshold` should be below `white` of the prediction{without}"),
             );
         }
     }
@@ -160,7 +162,7 @@ impl Lights {
         }
         if short > 0 {
             let text = format!(
-                "{short} lights are barely clipped and get less light than predicted; a lower `threshold` gives them all of the predicted light"
+                "barely clipped lights get less light than predicted (count: {short}); a lower `threshold` gives them all of the predicted light"
             );
             notes.warning("flux-held-back", text);
         }
@@ -182,8 +184,8 @@ impl Lights {
         gain: Gain,
     ) -> Report {
         let sources = match gain {
-            Gain::Direct => vec!["from the gain map".to_owned()],
-            Gain::Brackets => evs.iter().map(|ev| format!("from EV {ev}")).collect(),
+            Gain::Direct => vec!["the gain map".to_owned()],
+            Gain::Brackets => evs.iter().map(|ev| format!("EV {ev}")).collect(),
         };
         let mut columns: Vec<String> = [
             "azimuth (deg, clockwise from forward)",
@@ -192,12 +194,12 @@ impl Lights {
             "irradiance on a plane facing the light, before fusion",
             "irradiance on a plane facing the light, after fusion",
             "peak luminance",
-            "share from EV 0",
+            "share of the power from EV 0",
         ]
         .map(String::from)
         .to_vec();
-        columns.extend(sources.iter().map(|s| format!("share {s}")));
-        columns.push("share that is a lower bound".to_owned());
+        columns.extend(sources.iter().map(|s| format!("share of the power from {s}")));
+        columns.push("share of the power that is a lower bound".to_owned());
         let mut lights: Vec<Light> =
             (0..self.members.len()).map(|i| self.light(i, up, pixels, fused, sources.len())).collect();
         // Brightest first; lights of equal brightness in the order of their first pixel.
@@ -230,8 +232,8 @@ impl Lights {
         };
         let each = |name: &str, of: fn(&Energy) -> f64| row(name.to_owned(), whole.iter().map(of).collect());
         let mut rows: Vec<Vec<Cell>> = vec![
-            each("power of the sphere (sr)", |energy| energy.power),
-            each("irradiance of the ground", |energy| energy.ground),
+            each("power over the whole sphere (sr)", |energy| energy.power),
+            each("irradiance on a plane that faces up", |energy| energy.ground),
             each("peak luminance", |energy| energy.peak),
         ];
         let listed = lights.iter().take(LISTED).enumerate();
@@ -240,11 +242,11 @@ impl Lights {
         }));
         if let Some(rest) = lights.get(LISTED..).filter(|rest| !rest.is_empty()) {
             let power = |step: usize| rest.iter().map(|light| light.power[step]).sum();
-            let name = format!("power of the {} lights not listed (sr)", rest.len());
+            let name = "power of the lights that are not listed (sr)".to_owned();
             rows.push(row(name, (0..self.steps.len()).map(power).collect()));
         }
         let names = self.steps.iter().map(|(name, _)| (*name).to_owned());
-        Table::new("steps", std::iter::once(String::new()).chain(names), rows)
+        Table::new("steps", std::iter::once("quantity".to_owned()).chain(names), rows)
     }
 
     fn light(&self, i: usize, up: Up, pixels: &LinearPixels, fused: &[Fused], sources: usize) -> Light {
@@ -344,5 +346,9 @@ fn energy(whole: &[Energy], lights: usize, unlisted: &[Light]) -> Table {
             Cell::Count(unlisted.len() as u64),
         ],
     ];
-    Table::new("energy", ["", "power (sr)", "irradiance of the ground", "peak luminance", "lights"], rows)
+    Table::new(
+        "energy",
+        ["item", "power (sr)", "irradiance on a plane that faces up", "peak luminance", "lights"],
+        rows,
+    )
 }

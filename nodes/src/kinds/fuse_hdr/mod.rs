@@ -12,11 +12,15 @@ use crate::math::num;
 use crate::types::{Brackets, Environment, Image, Images, Linear, Panorama, Picture, Report, Taken};
 
 mod feather;
+mod fused;
+mod gain;
 mod ledger;
 mod sky;
 
 use self::ledger::Lights;
 use self::sky::Balance;
+use fused::Fused;
+pub use gain::Gain;
 
 engine::choices! {
     /// Transition from the light of the panorama to the predicted light.
@@ -30,25 +34,14 @@ engine::choices! {
 }
 
 engine::choices! {
-    /// The form of the prediction that is fused.
-    pub enum Gain {
-        /// The gain map in floats; it has no upper limit.
-        Direct,
-        /// The list of exposures, as in the paper. The recovered light is limited by the white level of the darkest
-        /// exposure.
-        Brackets,
-    }
-}
-
-engine::choices! {
     /// Source of the colour of recovered light.
     pub enum Hue {
         /// The colour of the panorama, as in the paper; white where all channels are clipped.
         Base,
         /// The colour of the brightest exposure that is not clipped at a pixel, blended with the colour of the
         /// panorama where the panorama is only partly clipped. If every exposure is clipped, it is the colour of
-        /// the panorama. This matters only for the method `Photographs`, since the exposures of other methods have
-        /// the colour of the panorama.
+        /// the panorama. This setting matters only for the method `Photographs`, since the exposures of other
+        /// methods have the colour of the panorama.
         Exposures,
     }
 }
@@ -94,7 +87,7 @@ engine::inputs! {
 engine::outputs! {
     /// Outputs of `fuse-hdr`.
     pub struct Out {
-        /// Linear light from every direction, at the point of the panorama.
+        /// Linear light from every direction, at the point where the panorama was captured.
         env: Arc<Environment>,
         /// Each recovered light, and the energy before and after fusion.
         report: Arc<Report>,
@@ -107,20 +100,9 @@ engine::outputs! {
 /// curve.
 const WHITE: f32 = 0.999;
 
-/// Luminance of one pixel after fusion, and its source.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Fused {
-    /// Absolute luminance E'_N of the paper.
-    luminance: f64,
-    /// Index of the exposure that contributed most. The index of the base is the number of exposures.
-    source: usize,
-    /// True if the darkest exposure is white here, so that the light is a lower bound.
-    saturated: bool,
-}
-
 impl Kind for FuseHdr {
     const NAME: &'static str = "fuse-hdr";
-    const VERSION: u32 = 7;
+    const VERSION: u32 = 8;
     type Params = Self;
     type In = In;
     type Out = Out;
@@ -152,7 +134,7 @@ impl Kind for FuseHdr {
             lights.record("exposures", |at| shown[at]);
         }
         if params.gain == Gain::Brackets && brackets.evs.is_empty() {
-            let text = "the prediction has no exposures (`evs` is empty), so the panorama is kept; `gain: Direct` needs none";
+            let text = "the prediction has no exposures (`evs` is empty), so the panorama is kept; `gain: Direct` needs no exposures";
             notes.warning("no-exposures", text);
         } else {
             lights.report_unused(params.threshold, &pixels, &brackets.log2_gain.samples, &mut notes);
@@ -187,8 +169,9 @@ impl Kind for FuseHdr {
         }
         let saturated = fused.iter().filter(|fused| fused.saturated).count() as u64;
         if saturated > 0 {
-            let text =
-                format!("{saturated} pixels are white in the darkest exposure; their light is a lower bound");
+            let text = format!(
+                "the light of pixels that are white in the darkest exposure is a lower bound (count: {saturated})"
+            );
             notes.warning("saturated-at-darkest", text);
         }
         cx.check()?;
@@ -205,7 +188,7 @@ impl Kind for FuseHdr {
         notes.count(
             "lights-not-listed",
             lights.unlisted(),
-            "lights are not listed individually in the report",
+            "of the lights had to be left out of the lists in the report, which give their sum instead",
         );
         let report = lights.report(base.up, &pixels, &fused, &brackets.evs, params.gain);
         let env = Environment { image: image.into(), up: base.up, origin: base.origin };
@@ -265,9 +248,16 @@ fn by_own_curve(
 
 fn report_broken(pixels: &LinearPixels, notes: &mut Notes) {
     if pixels.broken > 0 {
-        notes.warning("not-finite", format!("{} samples are not finite and count as black", pixels.broken));
+        notes.warning(
+            "not-finite",
+            format!("samples that are not finite count as black (count: {})", pixels.broken),
+        );
     }
-    notes.count("below-zero", pixels.negative, "samples below 0 count as black");
+    notes.count(
+        "below-zero",
+        pixels.negative,
+        "of the samples had a value below 0, which was replaced with 0",
+    );
 }
 
 /// Luminance of a pixel according to the gain map.
@@ -368,8 +358,8 @@ fn apply(rgb: [f32; 3], fused: f64) -> [f32; 3] {
 }
 
 /// Colour of a pixel, at the luminance of `fused`. The colour comes from the brightest exposure that is not clipped
-/// there, since that exposure has the finest quantisation. Where the panorama is only partly clipped, it is blended
-/// with the colour of `fused`.
+/// there, since that exposure has the finest quantisation. Where the panorama is only partly clipped, this colour
+/// is blended with the colour of `fused`.
 fn recolour(params: &FuseHdr, brackets: &Brackets, base: [f32; 3], fused: [f32; 3], at: usize) -> [f32; 3] {
     let clipped = match params.blend {
         Blend::Hard if luminance(base) > params.threshold => 1.0,

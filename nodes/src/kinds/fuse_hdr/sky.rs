@@ -10,7 +10,7 @@ use std::f64::consts::PI;
 
 use engine::{Notes, Up};
 
-use super::Fused;
+use super::fused::Fused;
 use super::ledger::{Lights, luminance_of};
 use crate::light::linear::LinearPixels;
 use crate::math::color::luminance;
@@ -21,7 +21,7 @@ use crate::types::{Data, Image, Linear};
 const MOST_ALBEDO: f64 = 0.9;
 /// Minimum unseen share of the upper half, weighted by cosine, for a sky to count as missing.
 const LEAST_OPEN: f64 = 0.02;
-/// Sine of 20 degrees: directions that are farther than this below the horizon count as ground.
+/// Sine of 20 degrees. Directions more than 20 degrees below the horizon count as ground.
 const GROUND_SINE: f64 = 0.342_020_143_325_668_7;
 /// Minimum alpha of the ground pixels that are measured.
 const GROUND_ALPHA: f32 = 0.5;
@@ -89,8 +89,8 @@ impl Balance {
         Self { ground: judged.then(|| ground / ground_seen), light, seen: kept, open, share }
     }
 
-    /// Albedo of the ground in the recovered light; infinite if the ground is not black and receives no
-    /// light.
+    /// Albedo that the ground would have under the recovered light; infinite if no light reaches the ground. `None`
+    /// if the ground is black or was not measured.
     fn albedo(&self) -> Option<f64> {
         self.ground.filter(|ground| *ground > 0.0).map(|ground| PI * ground / self.light)
     }
@@ -107,8 +107,8 @@ impl Balance {
         }
     }
 
-    /// Radiance of the unseen sky that gives the ground this albedo. Adds a note with the radiance, or with the
-    /// reason why it cannot be computed.
+    /// Radiance that the unseen sky must have so that the ground has the albedo `albedo`. `None` if it cannot be
+    /// computed. Adds a note with the radiance or the reason.
     pub(super) fn sky(&self, albedo: f64, notes: &mut Notes) -> Option<f64> {
         let percent = 100.0 * self.share;
         let Some(ground) = self.ground else {

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::distortion::{Bend, Coefficients};
-use super::{Raw, from_colmap};
+use super::raw::{Raw, from_colmap};
 use crate::error::Error;
 use crate::io::foreign::{BYTE_ORDER_MARK, refuse_foreign};
 
@@ -112,7 +112,7 @@ pub fn text(file: &str, cameras: &[u8], images: &[u8]) -> Result<Vec<Raw>, Error
     fn as_text<'a>(file: &str, bytes: &'a [u8]) -> Result<&'a str, Error> {
         refuse_foreign(file, bytes)?;
         let bytes = bytes.strip_prefix(BYTE_ORDER_MARK).unwrap_or(bytes);
-        std::str::from_utf8(bytes).map_err(|_| Error::format(file, "is not text"))
+        std::str::from_utf8(bytes).map_err(|_| Error::format(file, "is not UTF-8 text"))
     }
     let mut lenses = BTreeMap::new();
     for (number, line) in as_text(file, cameras)?.lines().enumerate() {
@@ -228,9 +228,9 @@ pub fn binary(file: &str, cameras: &[u8], images: &[u8]) -> Result<Vec<Raw>, Err
     for _ in 0..from.u64()? {
         let (id, model) = (from.u32()?, from.u32()? as usize);
         let (width, height) = (from.u64()?, from.u64()?);
-        let (name, count) = MODELS
-            .get(model)
-            .ok_or_else(|| Error::unsupported(file, format!("the camera model number {model}")))?;
+        let (name, count) = MODELS.get(model).ok_or_else(|| {
+            Error::unsupported(file, format!("the number {model} of a camera model is unknown"))
+        })?;
         let params = (0..*count).map(|_| from.f64()).collect::<Result<Vec<_>, _>>()?;
         let lens = lens(name, width, height, &params)
             .ok_or_else(|| Error::format(file, format!("camera {id} has parameters that are not valid")))?;

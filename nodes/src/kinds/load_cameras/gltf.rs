@@ -3,7 +3,7 @@
 use engine::{Context, Notes};
 use glam::{DMat3, DMat4, DVec3};
 
-use super::Raw;
+use super::raw::Raw;
 use crate::error::Error;
 use crate::io::gltf::{self, object::local};
 use crate::math::num;
@@ -69,8 +69,10 @@ pub fn read(file: &str, bytes: &[u8], cx: &Context, notes: &mut Notes) -> Result
         });
     }
     if parallel > 0 {
-        notes
-            .warning("parallel-cameras", format!("{parallel} orthographic cameras of `{file}` are left out"));
+        notes.warning(
+            "parallel-cameras",
+            format!("the orthographic cameras of `{file}` are left out (count: {parallel})"),
+        );
     }
     Ok(cameras)
 }

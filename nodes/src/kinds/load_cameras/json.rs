@@ -5,23 +5,24 @@ use engine::Notes;
 use glam::{DMat4, DVec4};
 use serde_json::Value;
 
-use super::Raw;
 use super::distortion::{Bend, Coefficients};
+use super::raw::Raw;
 use crate::error::Error;
 use crate::io::foreign::{json_text, refuse_foreign};
 use crate::math::num;
 
-/// Function that returns the width and height of a frame's picture, given the picture's path as written in the
-/// file.
+/// Function that returns the width and height of a picture, given its path as written in the file. `None` if the
+/// picture cannot be read.
 pub type Sizes<'a> = &'a dyn Fn(&str) -> Option<[u64; 2]>;
 
-/// Path of a picture with the separators of this system. Exporters on Windows separate folders by backslashes.
+/// Converts the backslashes in the path of a picture to slashes, since exporters on Windows write backslashes, and
+/// removes a leading `./`.
 pub fn picture_path(path: &str) -> String {
     let path = path.replace('\\', "/");
     path.strip_prefix("./").map(str::to_owned).unwrap_or(path)
 }
 
-/// Paths of the pictures of all frames without a size in a `transforms.json`; empty for any other file.
+/// Paths of the pictures of those frames of a `transforms.json` that have no size. Empty for any other file.
 pub fn pictures_without_size(bytes: &[u8]) -> Vec<String> {
     let Ok(json) = serde_json::from_slice::<Value>(json_text(bytes)) else { return Vec::new() };
     let sized =
@@ -147,8 +148,8 @@ fn level<'a>(top: &'a Value, frame: &'a Value, keys: &[&str]) -> &'a Value {
 const OTHER_LENSES: [&str; 5] =
     ["latlong", "equirectangular", "orthographic", "ftheta_p0", "is_equirectangular"];
 
-/// Focal length along an axis, in pixels. The file gives it as a length, or as a field of view in radians or
-/// in degrees.
+/// Focal length along an axis, in pixels. The file gives it as a length, or as a field of view in radians or in
+/// degrees. `None` if the file gives none of these.
 fn focal(holder: &Value, [length, radians, degrees]: [&str; 3], size: u64) -> Option<f64> {
     let by_angle = |angle: f64| size as f64 / 2.0 / num::f64::tan(angle / 2.0);
     let angle = || holder[radians].as_f64().or_else(|| Some(holder[degrees].as_f64()?.to_radians()));

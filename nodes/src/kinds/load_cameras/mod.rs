@@ -5,6 +5,7 @@ mod dataparser;
 mod distortion;
 mod gltf;
 mod json;
+mod raw;
 #[cfg(test)]
 mod tests;
 
@@ -16,7 +17,7 @@ use engine::{
     Context, ContextField, InputFile, Keep, Kind, NodeError, Notes, Scene, SourceFile, SourceRoot, Up,
     ViewCount,
 };
-use glam::{DMat3, DMat4, DVec3};
+use glam::{DMat3, DMat4};
 
 use crate::error::Error;
 use crate::io::picture;
@@ -27,6 +28,7 @@ use dataparser::Dataparser;
 use distortion::{Bend, INVISIBLE_PX};
 
 pub use crate::types::pick::Pick;
+use raw::Raw;
 
 engine::choices! {
     /// Treatment of lens distortion, which a pinhole camera cannot represent.
@@ -90,21 +92,6 @@ engine::outputs! {
         /// The cameras in the order of the file, or in the order of `pick`.
         rig: Arc<Rig>,
     }
-}
-
-/// A camera as stored in a file.
-#[derive(Debug, Clone)]
-struct Raw {
-    /// Name of the camera's picture, possibly with folder and extension.
-    picture: String,
-    width: u64,
-    height: u64,
-    /// Focal lengths fx and fy, and principal point cx and cy, in pixels.
-    lens: [f64; 4],
-    /// Lens distortion, if the camera has any.
-    distortion: Option<Bend>,
-    /// Pose of the camera, whose x axis points right, y down and z forward.
-    world_from_camera: DMat4,
 }
 
 /// Maximum number of cameras in a file.
@@ -195,9 +182,9 @@ impl Kind for LoadCameras {
             .collect();
         if !tiny.is_empty() {
             let text = format!(
-                "lens distortion of {} cameras moves no point by more than {:.1e} px and is ignored",
-                tiny.len(),
-                tiny.iter().copied().fold(0.0, f64::max)
+                "lens distortion that moves no point by more than {:.1e} px is ignored (cameras: {})",
+                tiny.iter().copied().fold(0.0, f64::max),
+                tiny.len()
             );
             notes.decision("distortion-invisible", text);
         }
@@ -221,8 +208,8 @@ fn with_pictures(file: SourceFile, root: &SourceRoot) -> Vec<SourceFile> {
     files
 }
 
-/// File of a picture whose path is relative to the cameras file. The path may lack the extension, as it does in the
-/// synthetic scenes of NeRF.
+/// Finds the file of a picture whose path is relative to the cameras file. The path may lack the extension, as it
+/// does in the synthetic scenes of NeRF. `None` if there is no such file.
 fn existing(file: &SourceFile, picture: &str, root: &SourceRoot) -> Option<SourceFile> {
     ["", ".png", ".jpg", ".jpeg", ".JPG", ".PNG"]
         .iter()
@@ -239,7 +226,7 @@ fn is_gltf(path: &InputFile) -> bool {
     lower.ends_with(".glb") || lower.ends_with(".gltf")
 }
 
-/// Number of images of a binary COLMAP model, from the first bytes of its file; `None` for other files, and if the
+/// Number of images of a binary COLMAP model, read from the start of its file. `None` for other files, and if the
 /// number exceeds the limit on cameras.
 fn images_of(p: &LoadCameras, root: &SourceRoot) -> Option<usize> {
     if is_json(&p.path) || is_gltf(&p.path) {
@@ -252,7 +239,7 @@ fn images_of(p: &LoadCameras, root: &SourceRoot) -> Option<usize> {
     usize::try_from(u64::from_le_bytes(count)).ok().filter(|count| (1..=CAMERA_LIMIT).contains(count))
 }
 
-/// Sets of files that a path may stand for if it is not a JSON file, in order of preference.
+/// Sets of files that a path may stand for if it is not the path of a JSON file, in order of preference.
 fn candidates(path: &InputFile) -> Vec<Vec<InputFile>> {
     let folder = match path.0.rsplit_once('/') {
         Some((folder, file)) if is_part(file) => folder,
@@ -289,8 +276,9 @@ fn unknown(path: &InputFile) -> NodeError {
         .hint("a COLMAP model has `cameras.bin` and `images.bin`, or both as `.txt`")
 }
 
-/// The file `dataparser_transforms.json` in the folder of the cameras file, if the parameter `dataparser` is not
-/// set. Nerfstudio's `camera_path.json` is in the coordinates of the splats and does not need it.
+/// The file `dataparser_transforms.json` in the folder of a `transforms.json`. `None` if there is no such file, if
+/// the parameter `dataparser` is set, or for any other cameras file. Nerfstudio's `camera_path.json` is already in
+/// the coordinates of the splats.
 fn unused_dataparser(p: &LoadCameras, root: &SourceRoot) -> Option<SourceFile> {
     let needs =
         p.dataparser.is_none() && is_json(&p.path) && p.path.0.to_lowercase().ends_with("transforms.json");
@@ -312,7 +300,7 @@ fn read(p: &LoadCameras, cx: &Context, notes: &mut Notes) -> Result<Vec<Raw>, No
     Ok(cameras)
 }
 
-/// Cameras of the file, and the bytes of the file if it is JSON.
+/// Reads the cameras of the file. Also returns the bytes of the file if it is JSON.
 fn read_file(
     p: &LoadCameras,
     cx: &Context,
@@ -343,8 +331,8 @@ fn read_file(
     Ok((cameras, None))
 }
 
-/// Names of pictures without folder and extension. Pictures of the same name keep as many of their folders as are
-/// needed to distinguish them.
+/// Returns the names of pictures without folder and extension. Pictures with the same name keep as many of their
+/// folders as are needed to distinguish them.
 fn view_names(pictures: &[&str]) -> Vec<String> {
     let mut names: Vec<String> = pictures.iter().map(|picture| view_name(picture, 0)).collect();
     let deepest = pictures.iter().map(|picture| picture.matches(['/', '\\']).count()).max().unwrap_or(0);
@@ -435,8 +423,8 @@ fn finish(p: &LoadCameras, raw: &Raw, name: String, notes: &mut Notes) -> Result
     })
 }
 
-/// The rotation nearest to a matrix that differs from a rotation only by rounding. It is computed by Newton's
-/// iteration for the polar factor, which squares the error in each step.
+/// The rotation nearest to a matrix; `None` if the matrix differs from a rotation by more than rounding. Newton's
+/// iteration for the polar factor squares the error in each step.
 fn orthonormal(mut m: DMat3) -> Option<DMat3> {
     let off = m.transpose() * m - DMat3::IDENTITY;
     // Files have at least 5 digits; a scale or a mirror image is far beyond this.
@@ -448,22 +436,4 @@ fn orthonormal(mut m: DMat3) -> Option<DMat3> {
         m = (m * 3.0 - m * (m.transpose() * m)) * 0.5;
     }
     Some(m)
-}
-
-/// Camera pose, from COLMAP's rotation (a quaternion) and translation, which map from world to camera.
-fn from_colmap(q: [f64; 4], t: [f64; 3]) -> Option<DMat4> {
-    let [w, x, y, z] = q;
-    let length = (w * w + x * x + y * y + z * z).sqrt();
-    if !(length > 0.0 && length.is_finite()) {
-        return None;
-    }
-    let world_from_camera =
-        DMat3::from_quat(glam::DQuat::from_xyzw(x / length, y / length, z / length, w / length)).transpose();
-    let eye = -(world_from_camera * DVec3::from_array(t));
-    Some(DMat4::from_cols(
-        world_from_camera.x_axis.extend(0.0),
-        world_from_camera.y_axis.extend(0.0),
-        world_from_camera.z_axis.extend(0.0),
-        eye.extend(1.0),
-    ))
 }

@@ -1,6 +1,7 @@
 use super::*;
 use crate::types::pick::matches;
 use engine::{Scene, Up};
+use glam::DVec3;
 
 fn node(path: &str) -> LoadCameras {
     LoadCameras {

@@ -19,6 +19,7 @@ use crate::math::color::linear_from_srgb;
 use crate::types::frame::{Similarity, world_from_gltf};
 use crate::types::{Mesh, Primitive};
 use of_ply::from_ply;
+use raw::{RawMesh, WHITE};
 
 engine::choices! {
     /// Encoding of vertex colours.
@@ -35,9 +36,10 @@ engine::choices! {
 engine::choices! {
     /// Frame of reference of a mesh file.
     pub enum MeshFrame {
-        /// The world of the scene, in world units, as mesh extraction writes it.
+        /// The frame of the captured scene, in world units. Programs that extract a mesh from a capture use this
+        /// frame.
         World,
-        /// The frame of glTF, y up and in metres. It is rotated and scaled to the world by `up` and
+        /// The frame of glTF, y up and in metres. Coordinates are converted to the world with `up` and
         /// `metres_per_unit` of the scene.
         Gltf,
     }
@@ -71,21 +73,6 @@ engine::outputs! {
         /// The mesh in world units.
         mesh: Arc<Mesh>,
     }
-}
-
-/// A mesh as stored in a file: colours are not linear yet, and faces are not checked yet.
-#[derive(Default)]
-struct RawMesh {
-    positions: Vec<[f64; 3]>,
-    /// True if the file stores positions as f64.
-    finer: bool,
-    colours: Vec<[f64; 3]>,
-    /// Linear factors of the colours (`baseColorFactor` of glTF), one per vertex; empty if all are white.
-    tints: Vec<[f64; 3]>,
-    triangles: Vec<[u32; 3]>,
-    fanned: u64,
-    /// True if the file was written by trimesh, which stores display colours even in glTF.
-    by_trimesh: bool,
 }
 
 impl Kind for LoadMesh {
@@ -160,7 +147,7 @@ impl Kind for LoadMesh {
             ColourEncoding::Auto if !raw.colours.is_empty() => {
                 let srgb = !of_gltf || raw.by_trimesh;
                 let word = if srgb { "sRGB" } else { "linear" };
-                notes.decision("colour-encoding", format!("vertex colours are taken to be {word}"));
+                notes.decision("colour-encoding", format!("vertex colours are assumed to be {word}"));
                 srgb
             }
             other => other == ColourEncoding::Srgb,
@@ -217,17 +204,15 @@ fn from_gltf(p: &LoadMesh, bytes: &[u8], cx: &Context, notes: &mut Notes) -> Res
     Ok(raw)
 }
 
-const WHITE: [f64; 3] = [1.0; 3];
-
 /// Drops parts that cannot be traced, and makes colours linear.
 fn clean(name: &str, raw: RawMesh, srgb: bool, cx: &Context, notes: &mut Notes) -> Result<Mesh, NodeError> {
     let n = raw.positions.len();
     let range = Range::of_floats(raw.colours.as_flattened().iter().copied());
     if range.guessed {
-        notes.decision("colour-range", format!("vertex colours are taken to be {}", range.words()));
+        notes.decision("colour-range", format!("vertex colours are assumed to range {}", range.words()));
     }
     if let Some(bad) = raw.triangles.iter().position(|t| t.iter().any(|&v| v as usize >= n)) {
-        let what = format!("triangle {bad} refers to a vertex beyond the {n} vertices");
+        let what = format!("triangle {bad} refers to a vertex that does not exist (number of vertices: {n})");
         return Err(Error::format(name, what).into());
     }
     let (mut mesh, mut renamed) = (Mesh::default(), Vec::with_capacity(n));
@@ -274,11 +259,23 @@ fn clean(name: &str, raw: RawMesh, srgb: bool, cx: &Context, notes: &mut Notes) 
         }
     }
     for (id, count, what) in [
-        ("vertices-not-finite", lost, "vertices with coordinates that are not finite were dropped"),
-        ("faces-of-dropped-vertices", dangling, "triangles with dropped vertices were dropped"),
-        ("triangles-without-area", flat, "triangles without area were dropped"),
-        ("colours-clamped", clamped, "vertex colours outside 0 to 1 were clamped"),
-        ("faces-fanned", raw.fanned, "faces of more than three corners were split into fans"),
+        (
+            "vertices-not-finite",
+            lost,
+            "of the vertices had coordinates that are not finite and had to be dropped",
+        ),
+        (
+            "faces-of-dropped-vertices",
+            dangling,
+            "of the triangles had a dropped vertex and had to be dropped too",
+        ),
+        ("triangles-without-area", flat, "of the triangles had no area and had to be dropped"),
+        ("colours-clamped", clamped, "of the vertex colours had to be clamped to the range 0 to 1"),
+        (
+            "faces-fanned",
+            raw.fanned,
+            "of the faces had more than three corners and had to be split into triangles",
+        ),
     ] {
         notes.count(id, count, what);
     }
@@ -288,17 +285,18 @@ fn clean(name: &str, raw: RawMesh, srgb: bool, cx: &Context, notes: &mut Notes) 
     if mesh.colours.is_empty() {
         notes.warning(
             "no-vertex-colours",
-            "the mesh has no vertex colours: as a receiver it is grey, albedo 0.5",
+            "the mesh has no vertex colours, so as a receiver it is grey with an albedo of 0.5",
         );
     }
     Ok(mesh)
 }
 
-/// True if a triangle has no area. The test uses f64: products of differences of f32 values are then so exact that
-/// the result is 0 only for collinear corners.
+/// True if a triangle has no area. In f64, products of differences of f32 values are exact enough that the result
+/// is 0 only for collinear corners.
 fn area_is_zero([a, b, c]: [DVec3; 3]) -> bool {
     (b - a).cross(c - a) == DVec3::ZERO
 }
 
+mod raw;
 #[cfg(test)]
 mod tests;

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use engine::{Context, NodeError, Notes};
 
-use super::{RawMesh, WHITE};
+use super::raw::{RawMesh, WHITE};
 use crate::error::Error;
 use crate::io::colour_range::Range;
 use crate::io::ply;
@@ -70,6 +70,7 @@ fn colour_corners(raw: &mut RawMesh, of_triangles: &[[f64; 3]]) {
 }
 
 /// Indices of the colour properties of an element, and the factor that scales their largest possible value to 1.
+/// `None` if the element has no colours.
 fn colours(element: &ply::Element) -> Option<([usize; 3], f64)> {
     let names = [["red", "green", "blue"], ["diffuse_red", "diffuse_green", "diffuse_blue"], ["r", "g", "b"]];
     let found = names.iter().find_map(|names| {
@@ -89,7 +90,7 @@ fn vertices(
     raw: &mut RawMesh,
     cx: &Context,
 ) -> Result<(), NodeError> {
-    let missing = |axis: &str| Error::format(name, format!("vertices have no `{axis}`"));
+    let missing = |axis: &str| Error::format(name, format!("the vertices have no property `{axis}`"));
     let mut slots = [usize::MAX; 6];
     for (slot, axis) in slots.iter_mut().zip(["x", "y", "z"]) {
         *slot = element.find(axis).ok_or_else(|| missing(axis))?;
@@ -132,7 +133,7 @@ fn faces(
         .find("vertex_indices")
         .or_else(|| element.find("vertex_index"))
         .filter(|&i| element.properties[i].count.is_some())
-        .ok_or_else(|| Error::format(name, "faces have no list `vertex_indices`"))?;
+        .ok_or_else(|| Error::format(name, "the faces have no list `vertex_indices`"))?;
     let (colours, mut of_triangles) = (colours(element), Vec::new());
     raw.triangles.reserve(count);
     for row in 0..count {

@@ -30,7 +30,7 @@ pub(super) struct Facts {
 /// Reason why the panorama is infinitely far away, or projected onto the mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Reason {
-    /// The graph sets `surroundings` to a choice that determines it.
+    /// The graph sets `surroundings` to a choice that determines whether the panorama is projected.
     AsSet,
     /// The environment has no point of capture.
     NoCapture,
@@ -49,9 +49,9 @@ pub(super) struct Decision {
     pub(super) bounces: bool,
     /// True if rays reflected by objects pass through the mesh and show the panorama.
     pub(super) reflections_pass: bool,
-    /// True if the visibility is the one printed in the paper.
+    /// True for visibility as printed in the paper.
     pub(super) printed: bool,
-    /// True if the panorama is projected onto the mesh, and the reason.
+    /// Whether the panorama is projected onto the mesh, and the reason.
     pub(super) projected: (bool, Reason),
     /// Share of the light that would reach the point of capture if the mesh were solid. `None` if it was not
     /// computed.
@@ -112,7 +112,7 @@ impl Decision {
             Block::Pass => format!("Transparent{}", extra(false)),
             Block::FrontFace { max_layers, flip, .. } => {
                 let side = if *flip { ", normals reversed" } else { "" };
-                format!("Room, {max_layers} layers{side}{}", extra(false))
+                format!("Room(layers: {max_layers}){side}{}", extra(false))
             }
             Block::PassBeyond { radius, .. } => {
                 format!("Within {radius} units of the point of capture{}", extra(false))
@@ -134,7 +134,7 @@ impl Decision {
         }
     }
 
-    /// Reports the decision and the facts it is based on.
+    /// Reports the decision, and the facts on which it is based.
     pub(super) fn report(&self, surroundings: Surroundings, probe: Option<&Probe>, notes: &mut Notes) {
         if let (Surroundings::Room { .. }, Some(probe)) = (surroundings, probe) {
             if probe.escaped < probe.rays && probe.front_share() <= 0.1 {
@@ -199,19 +199,19 @@ mod tests {
         );
         for (surroundings, probe, captured, light, expected) in [
             (Auto, room, true, 0.0, "Projected"),
-            (Auto, room, false, 0.0, "Room, 3 layers"),
-            (Distant, room, true, 0.0, "Room, 3 layers"),
+            (Auto, room, false, 0.0, "Room(layers: 3)"),
+            (Distant, room, true, 0.0, "Room(layers: 3)"),
             (Projected, outdoors, true, 1.0, "Projected"),
             (Auto, outdoors, true, 1.0, "Open"),
             (Auto, garden, true, 1.0, "Projected"),
             (Distant, garden, true, 1.0, "Open"),
-            (Auto, garden, false, 0.1, "Room, 3 layers"),
+            (Auto, garden, false, 0.1, "Room(layers: 3)"),
             (Auto, mixed, false, 0.0, "Transparent"),
             (Auto, dark, false, 0.0, "Transparent"),
-            (Auto, probe(0, 0, 256), false, 0.0, "Room, 3 layers, normals reversed"),
+            (Auto, probe(0, 0, 256), false, 0.0, "Room(layers: 3), normals reversed"),
             (Surroundings::OPEN, room, true, 0.0, "Open"),
             (Surroundings::Open { bounces: false }, room, true, 0.0, "Open, without bounces"),
-            (Surroundings::ROOM, outdoors, true, 0.0, "Room, 3 layers"),
+            (Surroundings::ROOM, outdoors, true, 0.0, "Room(layers: 3)"),
             (Surroundings::Transparent { bounces: true }, room, true, 0.0, "Transparent, with bounces"),
             (
                 Surroundings::Within { metres: 2.0, bounces: false },

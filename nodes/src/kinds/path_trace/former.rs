@@ -7,8 +7,8 @@ const VISIBILITY: [&str; 4] = ["env_block", "bounce", "object_specular_sees", "n
 /// Last version of the kind that had these parameters.
 const LAST: u32 = 19;
 
-/// Replacement of a parameter of an earlier version, given all parameters of its node as written in the
-/// graph.
+/// Returns the replacement of the parameter `name` of an earlier version, or `None` if there was no such parameter.
+/// `fields` holds the name and the value of each parameter of the node, as written in the graph.
 pub(super) fn former(name: &str, fields: &[(&str, &str)]) -> Option<Former> {
     if name == "skip_lobes" {
         return Some(Former::exhaustive(&["skip_lobes"], LAST));

@@ -2,15 +2,15 @@
 //! objects.
 
 mod auto;
+mod decided;
 mod former;
+mod interface;
 mod lobes;
 mod output;
 mod reporting;
 mod scale;
 pub mod surroundings;
 mod unseen;
-
-use std::sync::Arc;
 
 use engine::{Context, ContextField, Cost, Former, Kind, NodeError, Notes, Sizes, ViewCount};
 use glam::{DVec3, Vec3};
@@ -19,10 +19,8 @@ use crate::error::Error;
 use crate::light::env_resolution::EnvResolution;
 use crate::render::transport::ground::capture_point::{CapturePoint, stand_in};
 use crate::render::transport::ground::light_share::share_past;
-use crate::render::transport::ground::probe::Probe;
 use crate::render::transport::ground::standing::find_ground;
 use crate::render::transport::path::double_count::counted_twice;
-use crate::render::transport::path::visibility::Rules;
 use crate::render::transport::picture::accumulator::FinishedView;
 use crate::render::transport::picture::film::{self, CROSS, FIRST_HIT, PAIR, R0};
 use crate::render::transport::picture::prepared::PreparedScene;
@@ -30,114 +28,16 @@ use crate::render::transport::picture::tracing::{Settings, Tracing};
 use crate::render::transport::scene::block::Block;
 use crate::render::transport::scene::frame::in_scene_frame;
 use crate::render::transport::scene::objects::Objects;
-use crate::types::{Camera, Environment, Images, Mesh, Placed, Report, Rig};
+use crate::types::Camera;
 use auto::{Decision, Facts};
+use decided::Decided;
+pub use interface::{In, Out, PathTrace};
 use output::assemble;
 use reporting::{
     report_capture, report_coarse_coordinates, report_first_samples, report_inputs, report_standing,
     report_unseen, report_unseen_places, report_views,
 };
 use surroundings::Surroundings;
-
-engine::params! {
-    /// Path-traces the receiver without and with the objects, and the objects themselves.
-    ///
-    /// `with` is `without` plus the change due to the objects, so their ratio is exactly 1 where nothing changes.
-    /// In `with`, the objects are hidden only from the camera. `object` is premultiplied; its alpha is the share of
-    /// the pixel that the objects cover, without the part that the receiver hides. In a closed room the mesh would
-    /// block light that the panorama already shows, so `surroundings` sets how the mesh and the panorama together
-    /// model the place, by default automatically.
-    pub struct PathTrace {
-        /// Number of paths per pixel. With `max_error` it is the maximum number, and at least 4 paths are traced.
-        samples: u32 = 256, range(1, 1_048_576), other("3"), knob(Samples, "4", "16", "64", "1024");
-        /// Target standard error of each tile of 8 by 8 pixels, as a root mean square over the pixels whose error
-        /// is not 0. It applies to `object`, relative to the mean of `object`, and to the ratio `with / without`
-        /// where the receiver is visible. Where the ratio is certainly above 1, its error is relative to the ratio.
-        /// Pixels where `without` is below a thousandth of its median are ignored. After the first 4 samples,
-        /// blocks of 32 by 32 pixels take more chunks of samples until they reach the target error or the maximum
-        /// `samples`. Notes report the result. `None` takes `samples` everywhere.
-        max_error: Option<f64> = None, range(1e-6, 1.0), other("0.5"), knob(Cutoff, "", "", "", "None");
-        /// Maximum number of bounces after the first; 0 is direct light only.
-        max_bounces: u32 = 8, range(0, 64), other("0"), knob(Depth, "2", "4", "8", "32");
-        /// How the receiver mesh and the panorama together model the place around the objects. `bounces` sets
-        /// whether the mesh reflects light; if the panorama already shows the reflected light, that light would
-        /// count twice. Reflections in objects show the panorama if its point of capture is known or the mesh lets
-        /// its light pass, otherwise the mesh.
-        surroundings: Surroundings = Surroundings::Auto, other("Transparent");
-        /// Maximum radiance of a contribution after the first vertex of a path; 0 for no limit. Removes bright
-        /// outliers of glossy reflections, and some of their light.
-        clamp_indirect: f64 = 0.0, range(0.0, 1e9), other("0.01"), knob(Limit, "", "", "", "0.0");
-        /// Error of the mesh, in metres, where objects rest. Camera hits on the mesh within this distance of the
-        /// base of an object, or of a side that rests on a wall, are moved to it. Otherwise, a mesh that is too low
-        /// would show a black gap under the object, and a mesh that is too high would hide its foot. `None`
-        /// measures the roughness of the mesh at each object and leaves smooth meshes unchanged; 0 leaves any mesh
-        /// unchanged.
-        contact_metres: Option<f64> = None, range(0.0, 10.0), unit("m"), other("0.5");
-        /// Traces only the change of the receiver, for graphs that need only the shadow. `object` is empty; depth
-        /// and normals are those of the receiver.
-        shadow_only: bool = false, other("true");
-        /// Side, in pixels, of the square blocks into which the image is divided. One pixel of each block is
-        /// traced, and its value fills the block, as in the first preview of `watch`. 1 traces every pixel.
-        coarse_px: u32 = 1, range(1, 64), unit("px"), other("2");
-        /// Maximum relative change of light at which a tile of 8 by 8 pixels is cropped. In a cropped tile no ray
-        /// is traced for the change due to the objects, and `with` equals `without`. The change is an upper bound,
-        /// not an estimate, so shadows, surfaces near bright objects and reflections off walls are kept. 0 traces
-        /// everywhere.
-        crop: f64 = 0.001, range(0.0, 0.1), other("0.1"), knob(Cutoff, "0.004", "0.002", "0.001", "0.0");
-    }
-}
-
-engine::inputs! {
-    /// Inputs of [`PathTrace`].
-    pub struct In {
-        /// The mesh of the captured place; matte, with its vertex colours as albedo.
-        receiver: Arc<Mesh>,
-        /// The inserted objects.
-        objects: Vec<Arc<Placed>>,
-        /// The cameras.
-        rig: Arc<Rig>,
-        /// The environment light.
-        env: Arc<Environment>,
-    }
-}
-
-engine::outputs! {
-    /// Outputs of [`PathTrace`].
-    pub struct Out {
-        /// The receiver without objects (R0), and the environment where there is no receiver.
-        without: Arc<Images>,
-        /// The receiver with the objects, which are hidden from the camera (R1).
-        with: Arc<Images>,
-        /// The objects: linear RGB, premultiplied, and alpha.
-        object: Arc<Images>,
-        /// Planar depth of the front surface, object or receiver, at the centre of each pixel; +inf where there is
-        /// no surface. A blended surface counts if its coverage is above one half.
-        depth: Arc<Images>,
-        /// Planar depth of the nearest object that is visible anywhere in the pixel, however little of it; equal to
-        /// `depth` if no object is visible there. Used by `splat-render(limit:)`: splats in front of it are in
-        /// front of the objects.
-        nearest: Arc<Images>,
-        /// Unit normal of the front surface in world axes, towards the camera; 0 where there is no surface.
-        normal: Arc<Images>,
-        /// Variance of the mean over samples, in four channels: the luminance of `without`, of `with` and of
-        /// `object`, and the ratio of luminances `with / without`. It is computed as for independent samples, which
-        /// overestimates the variance of stratified samples. 0 for a single sample.
-        variance: Arc<Images>,
-        /// Decisions, means, standard errors and ray counts.
-        report: Arc<Report>,
-    }
-}
-
-/// Decision about the surroundings, and the facts it is based on.
-struct Decided {
-    /// Text of the choice of `surroundings` that is equivalent to the decision.
-    name: String,
-    rules: Rules,
-    probe: Option<Probe>,
-    /// Share of light that reflection by the mesh counts twice, or would count twice if reflection were enabled.
-    /// `None` for a solid mesh.
-    twice: Option<f64>,
-}
 
 impl PathTrace {
     /// Maximum number of samples per pixel. With `max_error` it is at least the size of the first chunk, from which
@@ -239,7 +139,7 @@ impl PathTrace {
 
 impl Kind for PathTrace {
     const NAME: &'static str = "path-trace";
-    const VERSION: u32 = 21;
+    const VERSION: u32 = 22;
     const READS: &'static [ContextField] =
         &[ContextField::Exhaustive, ContextField::MetresPerUnit, ContextField::Seed, ContextField::Up];
     const PREVIEW: engine::Preview =

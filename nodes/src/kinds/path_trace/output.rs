@@ -4,8 +4,9 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
+use super::decided::Decided;
+use super::interface::{In, Out};
 use super::lobes;
-use super::{Decided, In, Out};
 use crate::render::transport::path::rays::Rays;
 use crate::render::transport::picture::accumulator::FinishedView;
 use crate::render::transport::picture::accumulator::ReachedError;
@@ -20,8 +21,8 @@ fn decisions(
     rays: &Rays,
 ) -> Vec<Vec<Cell>> {
     let [nodes, triangles] = rays.steps_each();
-    let row = |what: &str, value: Cell| vec![Cell::Text(what.to_owned()), value];
-    let text = |what: &str, value: &str| row(what, Cell::Text(value.to_owned()));
+    let row = |item: &str, value: Cell| vec![Cell::Text(item.to_owned()), value];
+    let text = |item: &str, value: &str| row(item, Cell::Text(value.to_owned()));
     let capture = format!("{}, {}, {}", centre.x, centre.y, centre.z);
     let mut decisions = vec![
         text("surroundings", name),
@@ -42,11 +43,17 @@ fn decisions(
             .push(text("reflections show", if rules.specular_env { "the panorama" } else { "the mesh" }));
     }
     if let Some(twice) = twice {
-        decisions.push(row("light counted twice by mesh bounces", Cell::Number(*twice)));
+        decisions.push(row(
+            "light added by mesh bounces, relative to the light without them",
+            Cell::Number(*twice),
+        ));
     }
     if let Some(probe) = probe {
         decisions.push(row("share of probe rays that miss the mesh", Cell::Number(probe.escaped_share())));
-        decisions.push(row("share of front faces among the hits", Cell::Number(probe.front_share())));
+        decisions.push(row(
+            "share of front faces among the probe rays that hit the mesh",
+            Cell::Number(probe.front_share()),
+        ));
     }
     decisions
 }
@@ -93,20 +100,20 @@ pub(crate) fn assemble(
     let mut report = Report {
         title: "Path tracing".to_owned(),
         tables: vec![
-            Table::new("decisions", ["what", "value"], decisions(inputs, decided, centre, &crop, &rays)),
+            Table::new("decisions", ["item", "value"], decisions(inputs, decided, centre, &crop, &rays)),
             Table::new(
                 "views",
                 [
                     "view",
                     "mean luminance of `without`",
-                    "standard error per pixel of `without`",
+                    "RMS standard error of the pixels of `without`",
                     "mean luminance of `with`",
-                    "standard error per pixel of `with`",
+                    "RMS standard error of the pixels of `with`",
                     "mean luminance of `object`",
-                    "standard error per pixel of `object`",
+                    "RMS standard error of the pixels of `object`",
                     "rays",
-                    "share of chunks that no object changes",
-                    "share of chunks that were cropped",
+                    "share of chunks of samples that no object changes",
+                    "share of chunks of samples that were cropped",
                 ],
                 rows,
             ),
@@ -120,9 +127,9 @@ pub(crate) fn assemble(
                 "target error",
                 "error predicted from the first samples",
                 "error reached",
-                "blocks",
-                "blocks with more than the first samples",
-                "blocks above the target",
+                "blocks of pixels",
+                "blocks that took more than the first samples",
+                "blocks whose error is above the target",
                 "samples per pixel",
             ],
             plans,

@@ -3,7 +3,7 @@
 use engine::Notes;
 use glam::Vec3;
 
-use super::PathTrace;
+use super::interface::PathTrace;
 use super::scale::{short, why_not_seen};
 use super::unseen::Unseen;
 use crate::geometry::bvh::Ray;
@@ -42,24 +42,36 @@ pub(crate) fn report_inputs(mesh: &Mesh, prepared: &PreparedScene<'_>, objects: 
     }
     let receiver = prepared.receiver();
     let counts = [
-        ("clamped-albedo", receiver.clamped, "vertex colours outside 0 to 1 were clamped"),
+        ("clamped-albedo", receiver.clamped, "of the vertex colours had to be clamped to the range 0 to 1"),
         (
             "raised-albedo",
             receiver.raised,
-            "vertex colours had channels below 0.01, which were raised to 0.01",
+            "of the vertex colours had a channel below 0.01, which was raised to 0.01",
         ),
         (
             "receiver-not-finite",
             receiver.bvh.broken,
-            "receiver triangles with non-finite positions were ignored",
+            "of the receiver triangles had a position that is not finite and had to be ignored",
         ),
-        ("receiver-degenerate", receiver.bvh.degenerate, "receiver triangles without area were ignored"),
-        ("object-not-finite", objects.bvh.broken, "object triangles with non-finite positions were ignored"),
-        ("object-degenerate", objects.bvh.degenerate, "object triangles without area were ignored"),
+        (
+            "receiver-degenerate",
+            receiver.bvh.degenerate,
+            "of the receiver triangles had no area and had to be ignored",
+        ),
+        (
+            "object-not-finite",
+            objects.bvh.broken,
+            "of the object triangles had a position that is not finite and had to be ignored",
+        ),
+        (
+            "object-degenerate",
+            objects.bvh.degenerate,
+            "of the object triangles had no area and had to be ignored",
+        ),
         (
             "dark-texels",
             prepared.sky().broken,
-            "environment values were negative or not finite and count as 0",
+            "of the samples of the environment had a negative or non-finite value, which counts as 0",
         ),
     ];
     for (id, n, text) in counts {
@@ -106,8 +118,7 @@ pub(crate) fn report_unseen_places(receiver: &Receiver, eye: Vec3, boxes: &[Aabb
 
 /// Reports problems of the point of capture.
 pub(crate) fn report_capture(fault: Option<CaptureFault>, metres_per_unit: f64, notes: &mut Notes) {
-    let hint =
-        "check that `origin` (or `at` of `cube-rig`) is where the panorama was captured, in world units";
+    let hint = "check that `origin` (or `at` of `cube-rig`) is the point where the panorama was captured, in world units";
     match fault {
         None => {}
         Some(CaptureFault::Raised(raised)) => {
@@ -145,7 +156,7 @@ pub(crate) fn report_views(
     let most = params.most();
     let broken: u64 = views.iter().map(|view| view.broken).sum();
     if broken > 0 {
-        notes.warning("not-finite", format!("samples that were not finite and count as black: {broken}"));
+        notes.warning("not-finite", format!("samples that were not finite count as black (count: {broken})"));
     }
     report_variance(most, views.iter().map(|view| view.beyond).sum(), notes);
     // A coarse preview may miss small objects.
@@ -159,7 +170,10 @@ pub(crate) fn report_views(
         if looks && view.shows_objects() {
             let found = holes(&view.depth);
             let share = 100.0 * found as f64 / view.depth.samples.len().max(1) as f64;
-            let text = format!("pixels of `{}` ({share:.1} %) show holes in the receiver mesh", camera.name);
+            let text = format!(
+                "of the pixels of `{}` ({share:.1} %) showed a hole in the receiver mesh",
+                camera.name
+            );
             notes.count("holes", found, format_args!("{text}, where no shadow can fall"));
         }
         report_darkness(view, &camera.name, prepared.sky().power, rules, notes);
@@ -188,8 +202,8 @@ fn report_darkness(view: &FinishedView, name: &str, power: [f64; 3], rules: &Rul
     }
 }
 
-/// Warns where single precision is too coarse for an object at its distance: shadows and detail smaller than the
-/// ray offset are lost.
+/// Warns of objects that are too far from the first camera for single precision, which loses shadows and details
+/// that are smaller than the ray offset.
 pub(crate) fn report_coarse_coordinates(prepared: &PreparedScene<'_>, objects: &Objects, notes: &mut Notes) {
     for (index, Aabb { low, high }) in objects.boxes().into_iter().enumerate() {
         let (size, distance) = ((high - low).max_element(), ((low + high) * 0.5).length());
@@ -337,9 +351,9 @@ fn report_variance(samples: u32, beyond: u64, notes: &mut Notes) {
         notes.warning("no-variance", text);
     }
     if beyond > 0 {
-        let text = "values of `variance` that were clamped to the range of single precision";
+        let text = "values of `variance` were clamped to the range of single precision";
         let hint = "scale the environment to a radiance closer to 1";
-        notes.warning("variance-range", format!("{text}: {beyond}; {hint}"));
+        notes.warning("variance-range", format!("{text} (count: {beyond}); {hint}"));
     }
 }
 
@@ -353,7 +367,7 @@ pub(crate) fn report_first_samples(samples: u32, most: u32, notes: &mut Notes) {
     }
 }
 
-/// Reports the samples taken for a target error.
+/// Reports the number of samples that were taken to reach the target error, and the error that was reached.
 pub(crate) fn report_plan(view: &str, reached: &ReachedError, most: u32, notes: &mut Notes) {
     let ReachedError { asked, worst, blocks: [all, more, short], samples, .. } = *reached;
     let text = format!(
@@ -369,7 +383,7 @@ pub(crate) fn report_plan(view: &str, reached: &ReachedError, most: u32, notes: 
         let ratio = worst / asked;
         let mut hint = match round_up(f64::from(most) * ratio * ratio) {
             needed if needed <= MOST_SAMPLES => format!("set `samples` to about {needed}"),
-            _ => "the target needs more `samples` than the maximum".to_owned(),
+            _ => "the target error needs more samples than the largest value of `samples`".to_owned(),
         };
         if worst <= LARGEST_ERROR {
             hint.push_str(&format!("; alternatively, set `max_error` to {worst:.2e}"));
@@ -434,7 +448,7 @@ fn percent(share: f64) -> String {
     if share < 0.01 { "less than 1 %".to_owned() } else { format!("{:.0} %", 100.0 * share) }
 }
 
-/// Reports for which share of the chunks of samples the change due to objects was not traced.
+/// Reports the share of the chunks of samples in which the change due to objects was not traced.
 fn report_cropped(view: &str, (share, bound): (f64, f64), notes: &mut Notes) {
     if share > 0.0 {
         let text = format!(

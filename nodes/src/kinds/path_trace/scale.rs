@@ -54,7 +54,7 @@ pub(crate) fn why_not_seen(camera: &str, eye: Vec3, boxes: &[Aabb]) -> String {
     format!("`{camera}` sees no object{near}; check that pose, rig and mesh share axes and scale")
 }
 
-/// Formats a length.
+/// Formats a length with two decimals, or in scientific notation if it is very small or very large.
 pub(crate) fn short(length: f32) -> String {
     if (0.01..100_000.0).contains(&length) { format!("{length:.2}") } else { format!("{length:.1e}") }
 }

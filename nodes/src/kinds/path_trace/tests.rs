@@ -1,5 +1,7 @@
 //! Tests of light transport by closed forms and by relations between renders, and the scenes that the tests share.
 
+use std::sync::Arc;
+
 use engine::{Scene, Up};
 use glam::{DMat4, DVec3, Vec3};
 
@@ -8,7 +10,7 @@ use crate::math::color::luminance;
 use crate::math::equirect;
 use crate::render::transport::sky::environment::constant;
 use crate::testing::context;
-use crate::types::{Camera, Material, Object, Primitive};
+use crate::types::{Environment, Images, Material, Mesh, Object, Placed, Primitive, Rig};
 
 mod adaptive;
 mod closed_room;

@@ -1,6 +1,6 @@
 //! White level of a panorama.
 
-use super::CLIPPED;
+use super::clip::CLIPPED;
 use crate::light::linear::{LinearPixels, max3};
 use crate::math::equirect::pixel_solid_angle;
 

@@ -3,13 +3,14 @@
 use engine::{Context, NodeError, Notes};
 
 use super::ceiling::ceiling;
+use super::clip::{clip_mask, clipped_light};
+use super::clipped::{Clipped, RegionLight};
 use super::enlarged::Enlarged;
+use super::interface::PredictExposure;
 use super::method::Method;
 use super::photographs::Photographs;
-use super::{
-    Clipped, PredictExposure, RegionLight, clip_mask, clipped_light, manual, network, region, report_coarse,
-    report_nothing_clipped, report_unseen, sun,
-};
+use super::reporting::{report_coarse, report_nothing_clipped, report_unseen};
+use super::{manual, network, region, sun};
 use crate::light::energy_table::EnergyTable;
 use crate::light::linear::LinearPixels;
 use crate::types::{Panorama, Picture};
@@ -35,9 +36,9 @@ pub(super) struct Clipping<'a> {
     exhaustive: bool,
     /// White level of the panorama.
     ceiling: f64,
-    /// Networks of the method `Learned`.
+    /// Networks of the method `Learned`; `None` for other methods.
     network: Option<network::Network>,
-    /// Photographs of the method `Photographs`.
+    /// Photographs of the method `Photographs`; `None` for other methods.
     pub photographs: Option<Photographs>,
 }
 
@@ -70,12 +71,12 @@ impl<'a> Clipping<'a> {
         Ok(Self { params, pano, pixels, mask, clipped, exhaustive, ceiling, network, photographs })
     }
 
-    /// Method that is used. It is `Skip` if no pixel is clipped, unless the run is exhaustive.
+    /// The method that is used. If no pixel is clipped, it is `Skip`, unless the run is exhaustive.
     pub fn method(&self) -> &Method {
         if self.clipped == 0 && !self.exhaustive { &Method::Skip } else { &self.params.method }
     }
 
-    /// The clipped regions on the grid.
+    /// The clipped regions, as cells of the grid.
     fn on_grid(&self) -> Clipped<'_> {
         Clipped::new(self.pano.up, &self.pano.alpha.samples, (&self.pixels, &self.mask, self.ceiling))
     }
@@ -170,7 +171,10 @@ impl<'a> Clipping<'a> {
         let kept =
             self.mask.iter().zip(log2_gain).filter(|(clipped, gain)| **clipped && **gain == 0.0).count();
         if kept > 0 && matches!(self.params.method, Method::Skip | Method::Manual { .. }) {
-            notes.warning("clipping-kept", format!("{kept} of {clipped} clipped pixels are not changed"));
+            notes.warning(
+                "clipping-kept",
+                format!("clipped pixels are not changed (count: {kept} of {clipped})"),
+            );
         }
         let regions =
             if clipped > 0 && regions.is_empty() { self.on_grid().with_gain(log2_gain) } else { regions };
@@ -180,7 +184,8 @@ impl<'a> Clipping<'a> {
                 "a small clipped region above the horizon, in a sky bluer than the ground, counts as the sun",
             );
         }
-        notes.count("clipped-regions", regions.len() as u64, "clipped regions");
+        let what = if regions.len() == 1 { "clipped region" } else { "clipped regions" };
+        notes.count("clipped-regions", regions.len() as u64, what);
         regions
     }
 }
@@ -194,7 +199,10 @@ fn learned(
 ) -> Result<Option<network::Network>, NodeError> {
     if !matches!(params.method, Method::Learned) {
         if let Some(file) = &params.weights {
-            let text = format!("`{}` is ignored: `weights` belong to `method: Learned`", file.0);
+            let text = format!(
+                "the weights file `{}` is ignored, since only `method: Learned` uses `weights`",
+                file.0
+            );
             notes.warning("weights-unused", text);
         }
         return Ok(None);

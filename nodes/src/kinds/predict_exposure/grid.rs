@@ -11,9 +11,9 @@ pub(super) const WIDTH: usize = 256;
 
 /// A panorama averaged over cells.
 pub(super) struct Grid {
-    /// Columns, at most 256.
+    /// Number of columns, at most 256.
     pub width: usize,
-    /// Rows, at most 128.
+    /// Number of rows, at most 128.
     pub height: usize,
     /// Mean linear light of the visible pixels of each cell. A cell without a visible pixel has the mean of its
     /// filled pixels.
@@ -54,7 +54,7 @@ impl Grid {
                 let column = if from_end == from_start { column } else { width - 1 - column };
                 let cell = (2 * y + 1) * height / (2 * h) * width + column;
                 cell_of.push(cell as u32);
-                let kind = if alpha[at] < super::SEEN { 2 } else { usize::from(mask[at]) };
+                let kind = if alpha[at] < super::clip::SEEN { 2 } else { usize::from(mask[at]) };
                 let sums = &mut sums[cell][kind];
                 sums[3] += solid_angle;
                 for (sum, value) in sums.iter_mut().zip(pixels.rgb[at]) {
@@ -85,7 +85,7 @@ impl Grid {
         }
     }
 
-    /// Position of the centre of a pixel, in cells.
+    /// Position of the centre of the pixel (`x`, `y`) of a panorama with `height` rows, in units of cells.
     pub fn place(&self, x: usize, y: usize, height: usize) -> [f64; 2] {
         let (start, w) = self.start;
         let from_start = (x + w - start) % w;
@@ -125,7 +125,7 @@ impl Grid {
 fn first_column(pixels: &LinearPixels, alpha: &[f32]) -> usize {
     let width = pixels.width;
     let mut sums = vec![0.0_f64; width];
-    for (at, rgb) in pixels.rgb.iter().enumerate().filter(|(at, _)| alpha[*at] >= super::SEEN) {
+    for (at, rgb) in pixels.rgb.iter().enumerate().filter(|(at, _)| alpha[*at] >= super::clip::SEEN) {
         sums[at % width] += rgb.iter().copied().map(f64::from).sum::<f64>();
     }
     let mut edges: Vec<(usize, bool)> =

@@ -63,7 +63,10 @@ fn read(path: &Path) -> Result<LinearPixels, Error> {
         std::fs::read(path).map_err(|error| Error::format(&name, format!("cannot be read: {error}")))?;
     let (width, height, rgb) = light(&name, &bytes, &mut Notes::none())?;
     if width != 2 * height || height == 0 {
-        return Err(Error::format(&name, format!("is {width} x {height}, not twice as wide as high")));
+        return Err(Error::format(
+            &name,
+            format!("has {width}x{height} pixels; a panorama must be twice as wide as high"),
+        ));
     }
     let sound = |v: f32| if v.is_finite() { v.max(0.0) } else { 0.0 };
     let rgb = rgb.as_chunks::<3>().0.iter().map(|rgb| rgb.map(sound)).collect();
@@ -169,7 +172,7 @@ pub fn train(
         trainer.load_state(&state, &learned_from).map_err(flux)?;
         if trainer.done() > plan.steps {
             let what = format!(
-                "has {} steps, more than the {} requested; remove it to start again",
+                "contains a run of {} steps, more than the {} steps requested; remove the file to start again",
                 trainer.done(),
                 plan.steps
             );

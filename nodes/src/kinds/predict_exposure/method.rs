@@ -128,7 +128,7 @@ fn seamless() -> bool {
 }
 
 impl Method {
-    /// The photographs, if the method is `Photographs`.
+    /// Reads the photographs. `None` unless the method is `Photographs`.
     pub(super) fn photographs(
         &self,
         evs: &[f64],
@@ -140,7 +140,7 @@ impl Method {
         Photographs::read(files, evs, pano, notes, cx).map(Some)
     }
 
-    /// The diffusion model, if the method is `FluxKontext`.
+    /// The parameters of the diffusion model; `None` unless the method is `FluxKontext`.
     pub(super) fn kontext(&self) -> Option<Kontext<'_>> {
         let Self::FluxKontext {
             transformer,

@@ -3,9 +3,10 @@
 use engine::{Context, NodeError, Up};
 use glam::DVec3;
 
+use super::clipped::{Clipped, RegionLight};
 use super::grid::Grid;
 use super::spread::Spread;
-use super::{Clipped, RegionLight, sun};
+use super::sun;
 use crate::light::regions;
 use crate::math::color::luminance;
 use crate::math::num;

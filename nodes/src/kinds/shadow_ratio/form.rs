@@ -1,6 +1,5 @@
 //! Formulas that turn two renders into a ratio and added light.
 
-use super::ShadowRatio;
 use super::tally::{SEEN, SHONE_ON, Tally};
 
 engine::choices! {
@@ -31,6 +30,16 @@ engine::choices! {
     }
 }
 
+/// Parameters of a ratio, in the units of the renders.
+pub(super) struct Limits {
+    /// Offset of the denominator.
+    pub epsilon: f64,
+    /// Minimum light for a ratio.
+    pub min_energy: f64,
+    /// Largest ratio.
+    pub s_max: f64,
+}
+
 impl RatioForm {
     /// Raw ratio of a channel; 1 where there is too little light for a ratio. `a` is the light without the objects,
     /// and `b` the light with them. `energy` is the mean light around the pixel, which is compared with
@@ -38,14 +47,13 @@ impl RatioForm {
     /// unit of `epsilon` and `min_energy`.
     pub(super) fn ratio(
         self,
-        params: &ShadowRatio,
+        limits: &Limits,
         (a, b): (f64, f64),
         energy: impl FnOnce() -> f64,
         shone_on: impl FnOnce() -> bool,
-        unit: f64,
         tally: &mut Tally,
     ) -> f64 {
-        let (epsilon, least) = (params.epsilon * unit, params.min_energy * unit);
+        let &Limits { epsilon, min_energy: least, s_max } = limits;
         let (ratio, energy) = match self {
             Self::Difference => return 1.0,
             Self::Paper => (b / (a + epsilon), a),
@@ -62,8 +70,8 @@ impl RatioForm {
         }
         // Light added by the objects is not part of the ratio of `Hybrid`, which adds it.
         let (ratio, most) = match self {
-            Self::Hybrid => (ratio.min(1.0), params.s_max.min(1.0)),
-            _ => (ratio, params.s_max),
+            Self::Hybrid => (ratio.min(1.0), s_max.min(1.0)),
+            _ => (ratio, s_max),
         };
         if ratio > SEEN * most {
             tally.clipped += 1;
@@ -74,7 +82,7 @@ impl RatioForm {
         1.0 + trust * (ratio.clamp(0.0, most) - 1.0)
     }
 
-    /// Weight of a ratio near `min_energy`: 0 at this bound, 1 from twice the bound.
+    /// Weight of a ratio by the mean light around the pixel: 0 up to `least`, and 1 from twice `least`.
     fn trust(self, energy: f64, least: f64) -> f64 {
         if self == Self::Paper || least <= 0.0 { 1.0 } else { (energy / least - 1.0).clamp(0.0, 1.0) }
     }

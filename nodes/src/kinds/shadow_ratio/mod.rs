@@ -14,6 +14,7 @@ use crate::types::layers::{linear, matching};
 use crate::types::{Data, Image, Images, Linear, NamedImage};
 use tally::Tally;
 
+use form::Limits;
 pub use form::{Channels, RatioForm};
 
 engine::params! {
@@ -84,6 +85,8 @@ impl ShadowRatio {
                     .map(|v| f64::from(*v)),
             ),
         };
+        let limits =
+            Limits { epsilon: self.epsilon * unit, min_energy: self.min_energy * unit, s_max: self.s_max };
         let rows = cx.for_each_tile(height, |y| {
             let (mut shadow, mut added) = (Vec::with_capacity(3 * width), Vec::with_capacity(3 * width));
             let mut tally = Tally::default();
@@ -95,7 +98,7 @@ impl ShadowRatio {
                     let (factor, extra) = if a.is_finite() && b.is_finite() {
                         let energy = || self.neighbourhood(without, x, y, c);
                         let shone_on = || self.is_shone_on(without, with, x, y, c);
-                        let factor = self.form.ratio(self, (a, b), energy, shone_on, unit, &mut tally);
+                        let factor = self.form.ratio(&limits, (a, b), energy, shone_on, &mut tally);
                         (factor, self.form.added(pair[0][c], pair[1][c]))
                     } else {
                         tally.broken += 1;

@@ -15,7 +15,8 @@ impl ShadowRatio {
         if self.gamma == 1.0 || ratio == 1.0 { ratio } else { num::pow(ratio, self.gamma) }
     }
 
-    /// Names of parameters that are set but have no effect because no ratio is taken.
+    /// Names of parameters that are set but have no effect because no ratio is taken, separated by commas. `None`
+    /// if there are no such parameters.
     pub(super) fn idle(&self) -> Option<String> {
         let unset = Self::default();
         let set = [

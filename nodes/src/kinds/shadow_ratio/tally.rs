@@ -41,7 +41,10 @@ impl Tally {
     /// Adds notes on samples that were left out, with their share of all samples.
     pub(super) fn tell(&self, s_max: f64, notes: &mut Notes) {
         if self.broken > 0 {
-            notes.warning("not-finite", format!("{} samples are not finite and cast no shadow", self.broken));
+            notes.warning(
+                "not-finite",
+                format!("samples that are not finite cast no shadow (count: {})", self.broken),
+            );
         }
         if self.samples > 0 && self.dark == self.samples {
             let text = "no sample has enough light for a ratio, so there is no shadow";
@@ -51,13 +54,13 @@ impl Tally {
         notes.count(
             "too-dark",
             self.dark,
-            format_args!("samples ({:.2} %) have too little light for a reliable ratio; their shadow is weakened or left out", share(self.dark)),
+            format_args!("of the samples ({:.2} %) had too little light for a reliable ratio, so the shadow there is weakened or left out", share(self.dark)),
         );
         notes.count(
             "clipped",
             self.clipped,
             format_args!(
-                "samples ({:.2} %) exceed the ratio `s_max` = {s_max} by more than 1 %: with the objects they are {:.3} times as bright in total",
+                "of the samples ({:.2} %) exceeded the ratio `s_max` = {s_max} by more than 1 %; there, the total light with the objects is {:.3} times the light without them",
                 share(self.clipped),
                 self.bright[0] / self.bright[1].max(f64::MIN_POSITIVE)
             ),
@@ -69,7 +72,7 @@ impl Tally {
                 share(self.shone_on)
             );
             let hint = match s_max < LARGE {
-                true => "raise `s_max` to keep it (for example to 8)",
+                true => "raise `s_max` to keep this light (for example to 8)",
                 false => "`form: Hybrid` adds this light instead of multiplying by it",
             };
             notes.warning("light-clipped", format!("{text}; {hint}"));

@@ -27,7 +27,7 @@ fn the_sun_in_the_picture_puts_no_shadow_out() {
     let run = ShadowRatio::run(&p, In { without: image(&[1.0; 2]), with: image(&[0.5, 1.0]) }, &context());
     let reported =
         run.expect("runs").1.iter().find(|note| note.id == "too-dark").map(|note| note.text.clone());
-    assert!(reported.is_some_and(|text| text.starts_with("6 samples (100.00 %)")));
+    assert!(reported.is_some_and(|text| text.starts_with("6 of the samples (100.00 %)")));
 }
 
 /// `Difference` ignores the parameters that shape a ratio, and reports those that are set.
@@ -158,7 +158,7 @@ fn dark_and_broken_samples_cast_no_shadow() {
     let (out, notes) =
         ShadowRatio::run(&difference, In { without: image(&r0), with: image(&r1) }, &context())
             .expect("runs");
-    assert!(notes.iter().any(|n| n.id == "not-finite" && n.text.starts_with("9 ")));
+    assert!(notes.iter().any(|n| n.id == "not-finite" && n.text.ends_with("(count: 9)")));
     assert_eq!(out.added.0[0].picture.samples()[6..], [0.0; 9]);
     // The neighbours of a broken pixel are the same as without it, though neighbours decide together what is too
     // dark.
@@ -206,7 +206,7 @@ fn added_light_needs_s_max() {
     assert_eq!(out.shadow.0[0].picture.samples()[..3], [1.0; 3]);
     let reported = notes.iter().find(|note| note.id == "clipped").map(|note| note.text.as_str());
     assert!(
-        reported.is_some_and(|text| text.starts_with("3 samples (25.00 %)") && text.contains("1.300")),
+        reported.is_some_and(|text| text.starts_with("3 of the samples (25.00 %)") && text.contains("1.300")),
         "{reported:?}"
     );
     let more = ratios(&ShadowRatio { s_max: 2.0, epsilon: 0.0, ..ShadowRatio::default() }, &[1.0], &[1.3]);

@@ -3,11 +3,12 @@
 use engine::{Context, NodeError, Notes};
 use glam::{DVec3, Vec3};
 
-use super::STEEPEST;
 use crate::geometry::bvh::{Bvh, Ray};
 use crate::geometry::support::{Foot, median};
 use crate::types::Mesh;
 
+/// Minimum cosine of the angle between the normal of the ground and up.
+pub(super) const STEEPEST: f64 = 0.7;
 /// Number of columns and of rows of the grid of rays.
 const GRID: u32 = 24;
 /// Maximum thickness of a shell of ground, in metres. Rooms are higher: if the normals of a room point outwards,
@@ -141,9 +142,9 @@ impl Ground {
         }
     }
 
-    /// Two median heights: of the surfaces that face down, and of their upper sides. An upper side is a surface
-    /// that faces up, at most `thickest` above a surface that faces down. `None` unless more than half of the
-    /// surfaces that face down have an upper side.
+    /// The median height of the surfaces that face down, and the median height of their upper sides. An upper side
+    /// is a surface that faces up, at most `thickest` above a surface that faces down. `None` unless more than half
+    /// of the surfaces that face down have an upper side.
     fn shell(&self, down: &[[f64; 3]], up: DVec3, thickest: f64) -> Option<[f64; 2]> {
         let axes = Foot::axes(up);
         let pair = |&[x, y, height]: &[f64; 3]| {

@@ -3,7 +3,7 @@
 use engine::{Context, NodeError};
 use glam::DVec3;
 
-use super::STEEPEST;
+use super::ground::STEEPEST;
 use crate::geometry::sampling::hash;
 
 /// Number of planes that are tried, each horizontal or through three points.

@@ -65,15 +65,13 @@ engine::outputs! {
 const NEAR: f64 = 0.02;
 /// Minimum opacity of splats that count as ground.
 const OPAQUE: f32 = 0.3;
-/// Distance within which the nearest ground is searched for an error message, in metres. It is the largest value of
-/// `reach_metres`.
+/// Distance within which the nearest ground is searched for, in metres, to name it in an error message. It is the
+/// largest value of `reach_metres`.
 const FAR: f64 = 100.0;
-/// Minimum cosine of the angle between the normal of the ground and up.
-const STEEPEST: f64 = 0.7;
 
 impl Kind for Snap {
     const NAME: &'static str = "snap";
-    const VERSION: u32 = 5;
+    const VERSION: u32 = 6;
     const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
     const STORE: Keep = Keep::Cheap;
     type Params = Self;
@@ -157,7 +155,7 @@ impl Kind for Snap {
         }
         let millimetres = |v: f64| v * cx.metres_per_unit() * 1e3;
         let text = format!(
-            "moved by {:+.1} mm (positive: up) to ground that is {:.1} mm rough and has the normal ({:.3}, {:.3}, {:.3})",
+            "the object was moved by {:+.1} mm (positive: up), to ground with a roughness of {:.1} mm and the normal ({:.3}, {:.3}, {:.3})",
             millimetres(height),
             millimetres(level.roughness),
             normal.x,
@@ -169,7 +167,7 @@ impl Kind for Snap {
         let columns =
             ["moved up (world units)", "roughness (world units)", "normal x", "normal y", "normal z"];
         let table = Table::new("ground", columns, vec![row.map(Cell::Number).to_vec()]);
-        let report = Report { title: "Put on the ground".to_owned(), tables: vec![table] };
+        let report = Report { title: "Object placed on the ground".to_owned(), tables: vec![table] };
         Ok((Out { pose: Arc::new(Pose { world_from_local: moved }), report: Arc::new(report) }, notes))
     }
 }
@@ -193,16 +191,16 @@ fn none_near(reach: f64, below: f64, nearest: Option<f64>) -> NodeError {
             let enough = ((by * 100.0).round() + 1.0) / 100.0;
             let side = side(height, ["above", "below"]);
             (
-                format!("the nearest is {by:.2} m {side} the foot"),
+                format!("the nearest ground is {by:.2} m {side} the foot"),
                 format!("move the pose {up} by {by:.2} m, or raise `reach_metres` to {enough:.2}"),
             )
         }
         None => (
-            format!("there is no ground within {FAR} m either"),
-            "move the pose to where there is ground above or below it".to_owned(),
+            format!("there is no ground within {FAR} m"),
+            "move the pose to a position with ground above or below it".to_owned(),
         ),
     };
-    NodeError::new(format!("no ground within {reach} m of the object's foot{foot}: {what}"))
+    NodeError::new(format!("there is no ground within {reach} m of the object's foot{foot}; {what}"))
         .at("pose")
         .hint(hint)
 }

@@ -45,7 +45,7 @@ fn objects_come_to_stand_from_above_and_below() {
     let error = run(Some(plane(0.75, 0.0)), None, 2.0, false).map(|_| ()).expect_err("too far");
     assert!(error.message().contains("0.5 m"), "{error}");
     let reported = format!("{error:?}");
-    assert!(reported.contains("the nearest is 1.25 m below the foot"), "{reported}");
+    assert!(reported.contains("the nearest ground is 1.25 m below the foot"), "{reported}");
     assert!(reported.contains("down by 1.25 m, or raise `reach_metres` to 1.26"), "{reported}");
     let error = run(Some(plane(0.0, 1.2)), None, 0.2, false).map(|_| ()).expect_err("too steep");
     assert!(error.message().contains("steeper than 45 degrees"), "{error}");
@@ -70,14 +70,14 @@ fn what_is_too_far_is_reported_by_the_foot() {
     };
     let error = go(plane(0.0, 0.0), 0.5).map(|_| ()).expect_err("0.8 m");
     let reported = format!("{error:?}");
-    for part in ["0.90 m below the origin", "nearest is 0.80 m above", "up by 0.80 m", "to 0.81"] {
+    for part in ["0.90 m below the origin", "nearest ground is 0.80 m above", "up by 0.80 m", "to 0.81"] {
         assert!(reported.contains(part), "{part}: {reported}");
     }
     assert!(go(plane(0.0, 0.0), 0.81).is_ok(), "as it says");
     let aside = Mesh { positions: vec![[5.0; 3], [6.0, 5.0, 5.0], [5.0, 6.0, 5.0]], ..plane(0.0, 0.0) };
     let aside = Mesh { triangles: vec![[0, 1, 2]], ..aside };
     let reported = go(aside, 0.5).map(|_| ()).expect_err("none").message().to_owned();
-    assert!(reported.contains("there is no ground within 100 m either"), "{reported}");
+    assert!(reported.contains("there is no ground within 100 m"), "{reported}");
 }
 
 #[test]
@@ -196,7 +196,7 @@ fn nothing_stands_on_what_looks_down() {
         let (out, notes) = Snap::run(&how, inputs, &context()).unwrap_or_else(|e| panic!("{e}"));
         assert!((out.pose.world_from_local.w_axis.z - expected).abs() < 1e-6, "{expected}");
         assert_eq!(notes.iter().any(|note| note.id == "ground-looks-down"), reported);
-        assert!(notes.iter().any(|note| note.text.contains("0.0 mm rough")));
+        assert!(notes.iter().any(|note| note.text.contains("a roughness of 0.0 mm")));
     }
 }
 

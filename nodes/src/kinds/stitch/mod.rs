@@ -52,8 +52,8 @@ engine::outputs! {
         image: Arc<Images>,
         /// Coverage of each pixel, 0 to 1.
         alpha: Arc<Images>,
-        /// The light of the views, of the panorama, and of the panorama with filled holes: in total and for each
-        /// light.
+        /// The energy of the views, of the panorama, and of the panorama with filled holes, in total and for each
+        /// light source.
         report: Arc<Report>,
     }
 }
@@ -86,7 +86,7 @@ impl Source {
         };
         if channels != 4 || width == 0 || height == 0 {
             let what = format!(
-                "view `{}` has {width}x{height} pixels of {channels} channels; it needs at least 1x1 pixels of 4 channels",
+                "view `{}` needs at least 1x1 pixels and 4 channels, but has {width}x{height} pixels (channels: {channels})",
                 view.camera.name
             );
             return Err(NodeError::new(what).at("views"));
@@ -251,7 +251,7 @@ impl Stitch {
 
 impl Kind for Stitch {
     const NAME: &'static str = "stitch";
-    const VERSION: u32 = 5;
+    const VERSION: u32 = 6;
     const READS: &'static [ContextField] = &[ContextField::Up];
     type Params = Self;
     type In = In;
@@ -290,7 +290,7 @@ impl Kind for Stitch {
                     .hint("all views of a panorama need the same position: use `CubeRig`"));
             }
             if view.colour.encoding() != first.colour.encoding() {
-                return Err(NodeError::new("the views differ in encoding").at("views"));
+                return Err(NodeError::new("the views have different encodings").at("views"));
             }
         }
         let encoded = matches!(first.colour, Picture::Srgb(_));

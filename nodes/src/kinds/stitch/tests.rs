@@ -235,7 +235,8 @@ fn directions_are_never_degenerate() {
     }
 }
 
-/// Energies in a row of the table `steps`: in the views, resampled, with holes filled.
+/// The three energies in a row of the table `steps`: in the views, after resampling, and after the holes are
+/// filled.
 fn steps(report: &Report, row: usize) -> [f64; 3] {
     let table = report.tables.iter().find(|table| table.name == "steps").expect("is there");
     [1, 2, 3].map(|column| match table.rows[row][column] {

@@ -2,11 +2,12 @@
 
 use engine::{Context, NodeError};
 
-use super::Plane;
+use super::plane::Plane;
 use crate::math::num;
 
-/// The difference of every pixel of two sRGB-encoded pictures (0 to 1, three channels). A difference of about 1 is
-/// just visible; black and white differ by 100. Uses CIELAB under D65 for the 2 degree observer, with weights of 1.
+/// The CIEDE2000 difference of every pixel of two sRGB-encoded pictures (0 to 1, three channels). A difference of
+/// about 1 is just visible; black and white differ by 100. Uses CIELAB under D65 for the 2 degree observer, with
+/// the three parametric factors set to 1.
 pub fn ciede2000_map(a: &Plane, b: &Plane, cx: &Context) -> Result<Vec<f64>, NodeError> {
     let rows = cx.for_each_tile(a.height, |y| {
         let pixel = |p: &Plane, x: usize| {
@@ -18,8 +19,8 @@ pub fn ciede2000_map(a: &Plane, b: &Plane, cx: &Context) -> Result<Vec<f64>, Nod
     Ok(rows.concat())
 }
 
-/// CIELAB of an sRGB-encoded colour. Matrix and white are rounded as in scikit-image, with which papers compute the
-/// values that they report.
+/// CIELAB of an sRGB-encoded colour. The matrix and the white point are rounded as in scikit-image, which computes
+/// the values in most papers.
 fn lab(srgb: [f64; 3]) -> [f64; 3] {
     const XYZ: [[f64; 3]; 3] =
         [[0.412453, 0.357580, 0.180423], [0.212671, 0.715160, 0.072169], [0.019334, 0.119193, 0.950227]];

@@ -3,14 +3,15 @@
 
 use engine::{Context, NodeError};
 
-use super::Plane;
+use super::plane::Plane;
 use crate::math::num;
 
-/// Default pixels per degree of visual angle: a display of 3840 pixels and 0.7 m width, seen from 0.7 m.
+/// Default resolution in pixels per degree of visual angle: a display that is 3840 pixels and 0.7 m wide, seen from
+/// 0.7 m.
 pub const PIXELS_PER_DEGREE: f64 = 67.020_643_276_582_25;
 
-/// Features of a picture as seen by the eye, from linear light of three channels. Values are first clamped to the
-/// range of a display, 0 to 1.
+/// Features of all pixels of a picture, as seen by the eye. The picture is in linear light and has three channels.
+/// Its values are first clamped to the range of a display, 0 to 1.
 pub struct Sight(Vec<Features>);
 
 impl Sight {
@@ -31,7 +32,7 @@ impl Sight {
     }
 }
 
-/// The colour difference, increased where features differ (equation 16, whose feature exponent is 0.5).
+/// The colour difference, increased where the features differ (equation 16, with a feature exponent of 0.5).
 fn difference(a: &Features, b: &Features) -> f64 {
     let colour = redistribute(hyab(a.colour, b.colour));
     let feature = (a.edge - b.edge).abs().max((a.point - b.point).abs());
@@ -39,7 +40,7 @@ fn difference(a: &Features, b: &Features) -> f64 {
     if colour > 0.0 { num::pow(colour, 1.0 - feature) } else { f64::from(feature >= 1.0) }
 }
 
-/// Exposures of HDR-FLIP.
+/// Exposures at which HDR-FLIP compares two pictures.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Exposures {
     /// Darkest exposure, in stops.
@@ -108,7 +109,7 @@ pub fn hdr_flip_map(
     Ok(largest)
 }
 
-/// Matrix from linear RGB to XYZ, as the exact fractions for the sRGB primaries and D65.
+/// Matrix from linear RGB to XYZ for the sRGB primaries and D65, in exact fractions.
 const XYZ: [[f64; 3]; 3] = [
     [10_135_552.0 / 24_577_794.0, 8_788_810.0 / 24_577_794.0, 4_435_075.0 / 24_577_794.0],
     [2_613_072.0 / 12_288_897.0, 8_788_810.0 / 12_288_897.0, 887_015.0 / 12_288_897.0],
@@ -123,14 +124,15 @@ fn times(m: &[[f64; 3]; 3], v: [f64; 3]) -> [f64; 3] {
     m.map(|row| dot(row, v))
 }
 
-/// XYZ relative to white.
+/// XYZ of a linear RGB colour, relative to the white point.
 fn relative_xyz(rgb: [f64; 3]) -> [f64; 3] {
     let xyz = times(&XYZ, rgb);
     let white = times(&XYZ, [1.0; 3]);
     std::array::from_fn(|i| xyz[i] / white[i])
 }
 
-/// The linear opponent space Y Cx Cz, in which contrast sensitivity is known.
+/// The linear RGB colour `rgb` in the opponent space Y Cx Cz, in which the contrast sensitivity of the eye is
+/// known.
 fn opponent(rgb: [f64; 3]) -> [f64; 3] {
     let [x, y, z] = relative_xyz(rgb);
     [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)]
@@ -161,7 +163,7 @@ fn hunt_lab(rgb: [f64; 3]) -> [f64; 3] {
     [lightness, 0.01 * lightness * 500.0 * (x - y), 0.01 * lightness * 200.0 * (y - z)]
 }
 
-/// The HyAB distance, which is designed for large differences, to the power of 0.7.
+/// The HyAB distance of two colours, raised to the power 0.7. HyAB is designed for large colour differences.
 fn hyab(a: [f64; 3], b: [f64; 3]) -> f64 {
     let [l, p, q] = [0, 1, 2].map(|i| a[i] - b[i]);
     let distance = l.abs() + (p * p + q * q).sqrt();

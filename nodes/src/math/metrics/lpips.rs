@@ -2,7 +2,7 @@
 
 use engine::{Context, NodeError};
 
-use super::Plane;
+use super::plane::Plane;
 use crate::error::Error;
 use crate::math::nn::{Conv, Tensor, Weights, max_pool, relu};
 
@@ -21,12 +21,13 @@ pub struct Lpips {
 struct Stage {
     pooled: bool,
     convs: Vec<Conv>,
-    /// Non-negative weight of each channel of the features after the last convolution.
+    /// Non-negative weight of each channel of the features that the last convolution of the stage computes.
     heads: Vec<f32>,
 }
 
 impl Lpips {
-    /// Reads the weights, whose names determine the network. `file` is the name of the file for messages.
+    /// Reads the weights. The names of the tensors determine which network it is. `file` is the name of the file
+    /// for messages.
     pub fn parse(file: &str, bytes: &[u8]) -> Result<Self, Error> {
         let weights = Weights::parse(file, bytes)?;
         let vgg = weights.has("s0.conv0.weight") || weights.has("features.2.weight");
@@ -65,7 +66,8 @@ impl Lpips {
             let name = if weights.has(&published) { published } else { format!("lin{k}.weight") };
             let (shape, heads) = weights.tensor(&name)?;
             if heads.len() != inputs {
-                let what = format!("tensor `{name}` has shape {shape:?}, but {inputs} channels are expected");
+                let what =
+                    format!("tensor `{name}` has shape {shape:?}, but the layer has {inputs} channels");
                 return Err(Error::format(file, what));
             }
             stages.push(Stage { pooled, convs, heads });

@@ -5,26 +5,16 @@
 mod ciede2000;
 mod flip;
 mod lpips;
+mod plane;
 mod ssim;
 
 pub use ciede2000::ciede2000_map;
 pub use flip::{Exposures, PIXELS_PER_DEGREE, Sight, hdr_flip_map};
 pub use lpips::Lpips;
+pub use plane::Plane;
 pub use ssim::{SSIM_RADIUS, ssim_map};
 
 use crate::math::num;
-
-/// Samples of a picture to compare: interleaved channels, row by row.
-pub struct Plane {
-    /// Columns.
-    pub width: usize,
-    /// Rows.
-    pub height: usize,
-    /// Samples per pixel.
-    pub channels: usize,
-    /// All samples.
-    pub samples: Vec<f64>,
-}
 
 /// Errors over the compared pixels of two pictures.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -33,7 +23,7 @@ pub struct Errors {
     pub pixels: u64,
     /// Mean of squared differences over pixels and channels.
     pub mean_square: f64,
-    /// Mean of absolute differences.
+    /// Mean of absolute differences over pixels and channels.
     pub mean_absolute: f64,
     /// Largest absolute difference.
     pub largest: f64,

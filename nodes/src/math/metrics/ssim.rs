@@ -2,7 +2,7 @@
 
 use engine::{Context, NodeError};
 
-use super::Plane;
+use super::plane::Plane;
 use crate::math::num;
 
 /// Radius of the SSIM window, which is 11 pixels wide.

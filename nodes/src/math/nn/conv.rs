@@ -2,7 +2,7 @@
 
 use engine::{Context, NodeError};
 
-use super::Tensor;
+use super::tensor::Tensor;
 
 /// A convolution with zeros beyond the border.
 #[derive(Debug, Clone)]
@@ -55,7 +55,7 @@ impl Conv {
         Ok(result)
     }
 
-    /// Adds one row of the input, multiplied by one row of the kernel.
+    /// Adds the products of one row of the input and one row of the kernel to `line`, which is a row of the output.
     fn add_row(&self, line: &mut [f32], input: &[f32], kernel: &[f32]) {
         for (kx, weight) in kernel.iter().enumerate() {
             // Outputs whose input column x * stride + kx - padding exists.
@@ -82,8 +82,8 @@ pub fn relu(tensor: &mut Tensor) {
     }
 }
 
-/// Returns the largest value of each window of `size` pixels, at steps of `stride`. Windows that extend beyond the
-/// border are left out.
+/// Returns the largest value of each window of `size` x `size` pixels, for windows at steps of `stride` pixels.
+/// Windows that extend beyond the border are left out.
 pub fn max_pool(input: &Tensor, size: usize, stride: usize) -> Tensor {
     let count = |n: usize| n.checked_sub(size).map_or(0, |room| room / stride + 1);
     let mut out = Tensor::new(input.channels, count(input.height), count(input.width));

@@ -3,7 +3,7 @@
 use half::{bf16, f16};
 use safetensors::{Dtype, SafeTensors};
 
-use super::Conv;
+use super::conv::Conv;
 use crate::error::Error;
 
 /// The tensors of one file.
@@ -25,7 +25,7 @@ impl<'a> Weights<'a> {
         self.tensors.tensor(name).is_ok()
     }
 
-    /// A tensor in f32 and its shape; f16 and bf16 are widened, which is exact.
+    /// Returns the shape and the values of a tensor. f16 and bf16 are converted to f32, which is exact.
     pub fn tensor(&self, name: &str) -> Result<(Vec<usize>, Vec<f32>), Error> {
         let wrong = |what: String| Error::format(self.file, format!("tensor `{name}` {what}"));
         let view = self.tensors.tensor(name).map_err(|_| wrong("is missing".to_owned()))?;
@@ -64,7 +64,11 @@ impl<'a> Weights<'a> {
         let bias_name = format!("{name}.bias");
         let bias = if self.has(&bias_name) { self.tensor(&bias_name)?.1 } else { Vec::new() };
         if !bias.is_empty() && bias.len() != shape[0] {
-            let what = format!("tensor `{bias_name}` has {} values for {} channels", bias.len(), shape[0]);
+            let what = format!(
+                "tensor `{bias_name}` has {} values, but `{weight_name}` has {} output channels",
+                bias.len(),
+                shape[0]
+            );
             return Err(Error::format(self.file, what));
         }
         Ok(Conv { shape, weight, bias, stride, padding })

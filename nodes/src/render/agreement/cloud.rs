@@ -6,7 +6,7 @@ use crate::geometry::sampling::{fraction, hash};
 use crate::types::Mesh;
 use crate::types::frame::Similarity;
 
-/// Number of points.
+/// Number of points that are sampled on a mesh.
 const POINTS: usize = 24_000;
 /// Maximum number of points in a leaf of the tree.
 const LEAF: usize = 8;

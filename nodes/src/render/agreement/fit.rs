@@ -19,8 +19,8 @@ const DAMPING: f64 = 2e-3;
 const ALIGNED: f64 = 0.7;
 
 impl Placed<'_> {
-    /// Nearest point of the cloud to the point `to`, and its normal, all in the world; `None` if no point is within
-    /// the distance `within`.
+    /// Nearest point of the cloud to the point `to`, and its normal, all in world coordinates; `None` if no point
+    /// is within the distance `within`.
     fn nearest(&self, to: DVec3, within: f64) -> Option<(DVec3, DVec3)> {
         let Similarity { rotation, scale, offset } = self.at;
         let local = rotation.transpose() * (to - offset) / scale;

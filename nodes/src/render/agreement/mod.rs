@@ -32,7 +32,7 @@ use spots::Spots;
 
 /// Maximum number of wanted views that are compared.
 const WANTED: usize = 3;
-/// Maximum number of points around which views are compared.
+/// Maximum number of points in free space from which the surroundings are rendered and compared.
 const AROUND: usize = 2;
 /// Minimum agreement at which the mesh counts as being in the frame of the splats, so that no better transform is
 /// searched for.
@@ -41,11 +41,11 @@ const AGREES: f64 = 0.8;
 const FOUND: f64 = 0.4;
 /// Minimum increase of the agreement that a transform must cause to be reported.
 const GAIN: f64 = 0.12;
-/// Maximum difference between the agreement of a transform and the highest agreement for the transform to be
-/// preferred because it is simpler.
+/// Maximum amount by which the agreement of a simpler transform may be below the highest agreement for the simpler
+/// transform to be preferred.
 const SIMILAR: f64 = 0.06;
-/// Minimum share of the points at which the mesh must be visible. Below it, the agreement at the visible points alone
-/// is not considered.
+/// Minimum share of the points at which the mesh must be visible for the agreement at these points alone to be
+/// considered.
 const PART: f64 = 0.02;
 /// Minimum agreement, at the points where the mesh is visible, at which a mesh that covers only a part of the place
 /// counts as being in the frame of the splats.
@@ -62,11 +62,10 @@ const SHIFTED: f64 = 0.1;
 const SCALED: f64 = 0.06;
 /// A transform with at least this angle of rotation, in degrees, is large enough to be reported.
 const TURNED_DEG: f64 = 3.0;
-/// If the splats, or the mesh, cover a smaller share of the pixels of the wanted views than this, they count as not
-/// visible.
+/// Minimum share of the pixels of the wanted views that the splats, or the mesh, must cover to count as visible.
 const UNSEEN: f64 = 0.02;
-/// Minimum cosine of the angle between the up direction of the scene and the up direction measured from a place,
-/// for the place to count as upright.
+/// Minimum cosine of the angle between the up direction of the scene and the up direction estimated from the splats
+/// or from the mesh, for these splats or this mesh to count as upright.
 const UPRIGHT: f64 = 0.94;
 /// Minimum share of the pixels of a view that debris must cover to be reported.
 const DEBRIS: f64 = 0.006;
@@ -99,7 +98,8 @@ pub struct Place<'a> {
 pub enum Likely {
     /// The mesh. This is the usual case, since splats and cameras come from one program.
     Mesh,
-    /// The splats. The wanted views show only the mesh, or the mesh stands upright and the splats do not.
+    /// The splats. This is assumed if the wanted views show only the mesh, or if the mesh is upright and the splats
+    /// are not.
     Splats,
 }
 
@@ -123,13 +123,13 @@ pub struct Moved {
 pub struct Comparison {
     /// Number of compared points on the surface of the splats.
     pub points: usize,
-    /// Mean agreement of the depths, 0 to 1. The points are weighted so that surfaces facing in any direction
+    /// Mean agreement of the depths, 0 to 1. The points are weighted so that surfaces of all orientations
     /// contribute about equally.
     pub agreement: f64,
     /// Mean agreement at the points where the mesh is visible; 0 if the mesh is not visible at any point.
     pub known: f64,
-    /// The transform that brings the mesh into agreement with the splats. `None` if the mesh is in place or no such
-    /// transform was found.
+    /// The transform that brings the mesh into agreement with the splats. `None` if the mesh is in place, or if no
+    /// such transform was found.
     pub best: Option<Moved>,
     /// Parts of the mesh that float in front of the surfaces that the splats show.
     pub debris: Regions,

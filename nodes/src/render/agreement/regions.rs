@@ -84,8 +84,8 @@ fn neighbours(pixel: usize, width: usize, height: usize) -> [Option<usize>; 4] {
     ]
 }
 
-/// Summarizes the parts: finds the view in which they cover the largest share of the pixels, and the largest part
-/// there. All views around the objects count as one view.
+/// Summarizes the parts: finds the view in which the parts cover the largest share of the pixels, and the largest
+/// part in this view. All views around the objects count as one view.
 fn summary(sights: &[Sight], parts: &[Part], depths: impl Fn(usize, usize) -> f64) -> Regions {
     let mut best = Regions::default();
     let mut groups: Vec<Vec<usize>> =

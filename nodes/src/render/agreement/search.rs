@@ -1,5 +1,5 @@
-//! Searches for the transform that brings a mesh to the splats. Rotations by quarter turns, scale factors and
-//! shifts are tried, and the best combinations are refined.
+//! Searches for the transform that brings a mesh into agreement with the splats. Rotations by quarter turns, scale
+//! factors and shifts are tried, and the best combinations are refined.
 
 use glam::{DMat3, DVec3};
 
@@ -17,7 +17,7 @@ const COARSE: usize = 240;
 const FITTED: usize = 700;
 /// Approximate number of points for the last comparison of transforms.
 const FINE: usize = 2000;
-/// Factor on the tolerances in the first comparison.
+/// Factor by which the tolerances are multiplied in the first comparison.
 const SLACK: f64 = 2.2;
 /// Distance between consecutive shifts that are tried, as a share of the median distance of the points from the
 /// eye.
@@ -78,8 +78,8 @@ pub(super) fn nearby(cloud: &Cloud, spots: &Spots) -> Similarity {
     best.map_or(Similarity::IDENTITY, |(_, at)| simplest(cloud, spots, at))
 }
 
-/// The transforms with which the mesh fits the splats best, best first. The search starts from all rotations that
-/// map axes to axes, with many scale factors and two shifts each.
+/// The transforms with which the mesh fits the splats best, in descending order of agreement. The search starts
+/// from all rotations that map axes to axes, with many scale factors and two shifts each.
 pub(super) fn anywhere(cloud: &Cloud, spots: &Spots) -> Vec<Similarity> {
     let mut tried: Vec<(f64, Similarity)> = Vec::new();
     let about = spots.radius / cloud.radius;
@@ -151,8 +151,8 @@ fn climbed(cloud: &Cloud, spots: &Spots, start: Similarity) -> (f64, Similarity)
     best
 }
 
-/// The simplest transform that fits about as well. If possible, its rotation maps axes to axes, its scale is one of
-/// [`UNITS`], and its shift is 0.
+/// The simplest transform that fits about as well as `found`. If possible, its rotation maps axes to axes, its
+/// scale is one of [`UNITS`], and its shift is 0.
 fn simplest(cloud: &Cloud, spots: &Spots, found: Similarity) -> Similarity {
     let fits = |at: Similarity| Placed { cloud, at }.agreement(spots, step(spots, FINE), 1.0);
     let least = SIMPLER * fits(found);

@@ -55,8 +55,8 @@ fn smaller(camera: &Camera) -> Camera {
     }
 }
 
-/// Cameras for the six faces of a cube around a point. The cube is not aligned with the axes, because walls often
-/// are.
+/// Cameras for the six faces of a cube around a point. The cube is not aligned with the axes, because walls are
+/// often aligned with them.
 fn faces(eye: DVec3, [right, forward, up]: [DVec3; 3]) -> [Camera; 6] {
     // Sine and cosine of 0.4 and of 0.25 radians.
     let (right, forward) = (right * 0.921_061 + forward * 0.389_418, forward * 0.921_061 - right * 0.389_418);

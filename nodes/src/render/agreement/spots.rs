@@ -21,7 +21,7 @@ const BACKDROP: f64 = 10.0;
 const GRAIN: f64 = 2.0;
 /// Approximate number of splats that are sampled when sizes are measured or centres are taken as points.
 const MEASURED: usize = 4000;
-/// Minimum opacity of the sampled splats.
+/// Minimum opacity of the splats that are sampled.
 const OPAQUE: f32 = 0.3;
 /// Maximum distance between a point of the mesh and the surface of the splats for the point to count as on the
 /// surface, as a share of the distance from the eye to the point, or of the median distance of all points if that
@@ -177,9 +177,9 @@ impl Spots {
         if seen > 0.0 { confirmed / seen } else { 0.0 }
     }
 
-    /// Takes the centres of the opaque splats as points. Used if the views show too little surface of the splats,
-    /// for example because the splats are in a different unit. The points belong to no view. Returns `None` if
-    /// there are no opaque splats.
+    /// Takes the centres of the opaque splats as points. This is done if the views show too little surface of the
+    /// splats, for example because the splats are in a different unit. The points belong to no view. Returns `None`
+    /// if there are no opaque splats.
     pub fn of_centres(splats: &Splats) -> Option<Self> {
         let step = (splats.len() / MEASURED).max(1);
         let seen = (0..splats.len()).step_by(step).filter(|&i| splats.opacities[i] >= OPAQUE);

@@ -30,7 +30,7 @@ fn faces() -> Vec<Face> {
     faces
 }
 
-/// Flat splats on all faces, 6 cm apart.
+/// Flat splats on all faces, 6 cm apart from each other.
 fn splats() -> Splats {
     let mut splats = Splats::empty();
     for [corner, a, b] in faces() {

@@ -15,7 +15,7 @@ const TRUSTED_SPREAD: f32 = 0.03;
 /// seen at 7 degrees in a face of 192 pixels, whose pixels are 0.0116 rad wide, has this difference.
 pub const EDGE: f32 = 0.1;
 
-/// Side of the squares of pixels that [`DepthView::hides`] tests, in pixels.
+/// Side, in pixels, of the squares of pixels that [`DepthView::hides`] tests.
 const SQUARE: usize = 8;
 
 /// A camera's view. Positions are relative to an origin in the scene, in world units.
@@ -194,8 +194,8 @@ impl DepthView {
         (top + (bottom - top) * fy, true, nearest)
     }
 
-    /// True if a ball is hidden: at every pixel that it covers, it is behind the surface by more than `behind`.
-    /// `offset` is the centre of the ball relative to the eye.
+    /// True if a ball is hidden, that is, if the ball is behind the surface by more than `behind` at every pixel
+    /// that it covers. `offset` is the centre of the ball relative to the eye.
     pub fn hides(&self, offset: Vec3, radius: f32, behind: f32) -> bool {
         let depth = offset.dot(self.forward);
         let nearest = depth - radius;

@@ -19,8 +19,8 @@ pub(super) const ALL: usize = CORNERS * CORNERS * CORNERS;
 /// is stored. Corners farther behind the surface are ignored.
 const BAND: f32 = 3.0;
 /// Maximum distance between a corner and the surface, measured along the ray, at which a view still counts as
-/// seeing the surface at the corner. The unit is [`BAND`]. For rays at a grazing angle, this distance is much
-/// larger than the distance perpendicular to the surface.
+/// seeing the surface at the corner. It is a multiple of [`BAND`]. For rays at a grazing angle, this distance is
+/// much larger than the distance perpendicular to the surface.
 const BEHIND: f32 = 3.0;
 /// Minimum cosine of the angle between ray and normal for the depth of a pixel to count as a surface.
 const FLATTEST: f32 = 0.1;
@@ -39,12 +39,12 @@ pub struct Block {
     /// Distance from each corner to the surface, in world units, negative behind the surface; 0 if no view shows
     /// the corner.
     pub(super) distance: Box<[f32; ALL]>,
-    /// Standard deviation of the distances that views report at the surface, in world units.
+    /// Standard deviation of the distances to the surface that the views observe at the surface, in world units.
     pub(super) deviation: f32,
     /// Number of views that see the surface near each corner. It is 1 if views see only empty space there, and 0 if
     /// the corner is hidden in all views.
     views: Box<[u8; ALL]>,
-    /// One bit per cell: 1 if all corners of the cell have a distance.
+    /// One bit per cell, which is 1 if all corners of the cell have a distance.
     whole: [u64; SIDE as usize],
 }
 
@@ -100,7 +100,7 @@ pub struct Field<'a> {
 /// A row of corners, projected into a view.
 #[derive(Default)]
 struct Row {
-    /// True for each corner that lies between the centres of four pixels.
+    /// True for each corner whose projection lies between the centres of four pixels.
     inside: [bool; CORNERS],
     x: [f32; CORNERS],
     y: [f32; CORNERS],
@@ -262,8 +262,8 @@ impl<'a> Field<'a> {
         Ok(field)
     }
 
-    /// Indices of the block, and of the cell in it, that contain the given finest cell. `None` if no block contains
-    /// it.
+    /// Index of the block, and index of the cell in this block, that contain the given finest cell. `None` if no
+    /// block contains it.
     pub fn locate(&self, at: [i32; 3]) -> Option<(usize, usize)> {
         for level in 0..self.levels.reach.len() as u8 {
             let cell = at.map(|v| v >> level);

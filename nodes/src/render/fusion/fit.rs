@@ -16,7 +16,8 @@ pub struct Fit {
     /// Median of the absolute difference between the distances to the mesh and to the splats, in world units.
     /// `None` if no pixel shows both in the compared region.
     pub median: Option<f64>,
-    /// 95th percentile of this difference, in world units.
+    /// 95th percentile of the absolute difference between the distances to the mesh and to the splats, in world
+    /// units.
     pub most: Option<f64>,
     /// Pixels that show splats in the compared region but no mesh, as a share of all pixels.
     pub holes: f64,

@@ -25,7 +25,7 @@ const FEWEST: f64 = 64.0;
 const COHERENT: f64 = 0.5;
 /// Minimum share of the points that lie on the plane to within its noise.
 const ON_PLANE: f64 = 0.7;
-/// Number of blocks processed at once; their old and new distances are in memory together.
+/// Number of blocks that are processed at once. Their old and new distances are in memory at the same time.
 const GROUP: usize = 1024;
 
 /// Sums over the surface in one or more cubes: number of points, positions, their products, and normals.
@@ -142,15 +142,14 @@ impl Plane {
 
     /// Amount that is subtracted from `distance`, the distance of the field at `place`. If it differs from the
     /// distance to the plane by at most the noise, the amount is the whole difference. For larger differences the
-    /// amount decreases, and it is 0 from twice the noise on.
+    /// amount decreases, and reaches 0 at twice the noise.
     fn excess(&self, place: Vec3, distance: f32) -> f32 {
         let off = distance - self.distance(place);
         off * (2.0 - off.abs() / self.noise.max(f32::MIN_POSITIVE)).clamp(0.0, 1.0)
     }
 }
 
-/// The eight corners of a cube. Each corner is represented by the cube that has it as the corner with the smallest
-/// coordinates.
+/// The eight corners of a cube. A corner is identified by the cube that extends from it in the positive directions.
 fn ends(cube: Cube) -> [Cube; 8] {
     std::array::from_fn(|i| Cube {
         level: cube.level,
@@ -248,7 +247,7 @@ fn tiled<T: Send>(count: usize, of: &(dyn Fn(usize) -> T + Sync), cx: &Context) 
 }
 
 /// Flattened distances of a block. From each distance, its excess over the plane (see [`Plane::excess`]) is
-/// subtracted, interpolated between the planes at the eight corners of the block.
+/// subtracted. The excess is interpolated between the planes at the eight corners of the block.
 fn flat(block: &Block, planes: &[Option<Plane>; 8], levels: &Levels) -> Box<[f32; ALL]> {
     let first = block.cube.corner();
     let mut distance = block.distance.clone();

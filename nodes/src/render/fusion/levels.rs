@@ -1,5 +1,5 @@
-//! Subdivision of space into cubes of eight cells per side. Cells double in size with the distance from the
-//! places where objects will stand.
+//! Subdivision of space into cubes of eight cells per side. The size of the cells doubles from level to level, with
+//! increasing distance from the places where objects will stand.
 
 use glam::Vec3;
 

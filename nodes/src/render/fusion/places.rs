@@ -9,7 +9,8 @@ use crate::math::num;
 use crate::render::splat::{Blocks, Settings};
 use crate::types::{Camera, Splats};
 
-/// Angle by which a face extends beyond 45 degrees, so that no point lies between the pixels of two faces.
+/// Angle by which a face extends beyond 45 degrees, so that no direction falls into a gap between the pixels of two
+/// adjacent faces.
 const GUARD_DEG: f64 = 3.0;
 /// Maximum number of consecutive candidates that are too near to a surface. When it is reached, the search ends.
 const FAILURES: usize = 8;
@@ -103,8 +104,8 @@ fn distances(views: &[DepthView]) -> Vec<f32> {
     all
 }
 
-/// Distance that one can move from a place towards the point `ahead` while the clearance on all sides stays empty,
-/// according to the face that shows the point.
+/// Distance that one can move from a place towards the point `ahead` while the space within the clearance on all
+/// sides is empty. It is determined by the face that shows the point.
 fn room(faces: &[DepthView], ahead: Vec3, clearance: f32) -> f32 {
     let length = ahead.length();
     for view in faces {

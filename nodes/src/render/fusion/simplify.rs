@@ -1,7 +1,7 @@
 //! Reduces the number of triangles within an error bound, by contracting edges (Garland and Heckbert 1997). The
 //! cost of an edge is the mean squared distance of the new point from the planes of the triangles that it replaces,
 //! weighted by area. Passes over all triangles contract edges up to a cost that grows from pass to pass; a priority
-//! queue needs twice the time and memory. The surface does not fold over, and holes are not closed. The order
+//! queue would need twice the time and memory. The surface does not fold over, and holes are not closed. The order
 //! depends only on indices, so the result is the same on every machine.
 
 use engine::{Context, NodeError};
@@ -10,13 +10,14 @@ use glam::{DMat3, DVec3};
 use super::surface::Surface;
 use super::tint::Seen;
 
-/// Weight that pulls a merged point to the midpoint of its edge where the quadric does not determine it.
+/// Weight of a term that pulls a merged point to the midpoint of its edge in directions that the quadric does not
+/// determine.
 const TIDY: f64 = 1e-3;
-/// Weight of a border edge of the surface, divided by the square of the length of the edge.
+/// Weight of an edge on the border of the surface, divided by the square of the length of the edge.
 const BORDER: f64 = 10.0;
 /// Minimum cosine between the normals of a triangle before and after a contraction.
 const TURNED: f64 = 0.3;
-/// Number of triangles after which the code checks again whether the run was cancelled.
+/// Number of triangles between two checks for cancellation.
 const CHECKED: usize = 1 << 12;
 /// Shares of the maximum squared error that the first passes allow, one for each pass.
 const SHARES: [f64; 5] = [0.0004, 0.004, 0.02, 0.1, 0.3];

@@ -17,8 +17,8 @@ const HEIGHTS: [f64; 2] = [-0.1, 1.15];
 /// Minimum radius of a level surface on which the object is placed if the scene has no floor, as a share of the
 /// radius of the scene.
 const SMALL: f64 = 0.1;
-/// Distance from the middle of the scene to the inserted object, as a share of the radius of the scene, if the
-/// scene is a captured object without ground.
+/// Distance from the middle of the scene to the inserted object, as a share of the radius of the scene. It is used
+/// if the scene is a captured object without ground.
 const ASIDE: f64 = 0.35;
 /// Maximum radius of an object, as a share of the distance from its place to the edge of the surface.
 const ROOM: f64 = 0.7;

@@ -42,7 +42,7 @@ impl View {
     }
 }
 
-/// Object that the camera is to see.
+/// Object that the camera should show.
 #[derive(Debug, Clone, Copy)]
 pub struct Subject {
     /// Point that the object stands on, in world units.
@@ -97,8 +97,8 @@ fn judge(
 }
 
 /// Finds the camera that sees a subject best. Candidates are in free space, and are compared by rendering small
-/// pictures. `hint` lists the positions of the cameras of the capture, in world units, because the scene was
-/// captured from there and so looks right.
+/// pictures. `hint` lists the positions of the cameras of the capture, in world units, since a captured scene looks
+/// best from these positions.
 pub fn best_view(
     splats: &Splats,
     grid: &Grid,

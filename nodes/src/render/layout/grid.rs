@@ -11,10 +11,10 @@ const SIDE: usize = 320;
 const STOREYS: usize = 160;
 /// Number of cells per radius of the scene, if its splats are fine enough.
 const FINE: f64 = 160.0;
-/// A cell is solid if the sum of opacity times area over its splats is at least this multiple of the area of one
-/// side of the cell.
+/// Minimum sum of opacity times area over the splats of a solid cell, as a multiple of the area of one side of the
+/// cell.
 const SOLID: f32 = 0.25;
-/// Minimum opacity of a splat. More transparent splats are ignored as fog.
+/// Minimum opacity of the splats that count. More transparent splats are ignored as fog.
 const FAINT: f32 = 0.15;
 /// Number of samples along each axis of a large splat.
 const SAMPLES: i32 = 8;
@@ -119,7 +119,7 @@ impl Grid {
         self.low + DVec3::new(x as f64 + 0.5, y as f64 + 0.5, z as f64 + 1.0) * self.cell
     }
 
-    /// Mean size of the splats around a column, in world units. `None` if there are no splats.
+    /// Mean size of the splats in and around a column, in world units. `None` if there are no splats.
     pub fn detail(&self, x: usize, y: usize) -> Option<f64> {
         let (mut sum, mut count) = (0.0, 0.0);
         for v in y.saturating_sub(2)..(y + 3).min(self.size[1]) {

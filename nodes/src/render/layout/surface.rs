@@ -6,7 +6,7 @@ use super::grid::Grid;
 
 /// Number of cells that must be free above a surface.
 const CLEAR: usize = 5;
-/// Maximum number of surfaces in a column that are examined.
+/// Maximum number of surfaces that are examined in each column.
 const STACKED: usize = 4;
 /// Height of the free space above a place, in multiples of `Wish::enough`, at which the place gets half the score that
 /// it would get under the open sky. Objects under a cover are dark and hard to see.

@@ -98,7 +98,7 @@ impl Canvas {
         }
     }
 
-    /// Copies another picture into this one.
+    /// Copies another picture into this one, with its upper left corner at `[left, top]`.
     pub fn put(&mut self, other: &Self, [left, top]: [usize; 2]) {
         for y in 0..other.height.min(self.height.saturating_sub(top)) {
             for x in 0..other.width.min(self.width.saturating_sub(left)) {

@@ -14,12 +14,12 @@ const HIGH: f64 = 40.0;
 /// Approximate number of lines of the grid.
 const LINES: f64 = 12.0;
 
-/// Picture of the plan, and the mapping from the world to it.
+/// Picture of the plan, and the mapping from the world to the picture.
 #[derive(Debug)]
 pub struct Plan {
     /// Picture of the plan, with `forward` pointing up.
     pub canvas: Canvas,
-    /// Distance between two lines of the grid, in world units.
+    /// Distance between two neighbouring lines of the grid, in world units.
     pub step: f64,
     right: DVec3,
     forward: DVec3,

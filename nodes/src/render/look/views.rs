@@ -9,7 +9,7 @@ use crate::render::layout::{Grid, View, Wish, surfaces};
 use crate::render::splat::{Settings, render};
 use crate::types::{Rig, Splats};
 
-/// Number of directions that are tried from a place.
+/// Number of horizontal directions that are tried from a place.
 const AROUND: usize = 8;
 /// Number of places that are tried.
 const PLACES: usize = 4;

@@ -9,8 +9,7 @@ use super::camera_model;
 use super::camera_model::TileRange;
 use super::listed::{Listed, clip};
 use super::project::{Entry, Footprint, Projected};
-use super::settings::{LIST_BYTES, TILE};
-use super::{Bounds, Settings};
+use super::settings::{Bounds, LIST_BYTES, Settings, TILE};
 
 /// A rectangle of tiles whose lists are in memory at the same time.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -37,8 +36,8 @@ pub(crate) fn most_bytes(splats: u64, (width, height): (u64, u64)) -> u64 {
     lists.min(bounded).saturating_add(held.saturating_mul(splats))
 }
 
-/// Divides a picture with this number of columns and rows of tiles into groups. A group has as many rows as the
-/// memory limit of the lists allows. If one row exceeds the limit, a group has as many of its columns as the limit
+/// Divides a picture of `columns` by `rows` tiles into groups. A group has as many rows as the memory limit of the
+/// lists allows. If a single row exceeds the limit, the row is divided into groups of as many columns as the limit
 /// allows, but at least one. An ordinary picture is one group.
 pub(super) fn groups(
     projected: &Projected,
@@ -131,7 +130,7 @@ pub(super) struct Lists<'a> {
 }
 
 enum ListsOf {
-    /// One list of all footprints, for every tile.
+    /// A single list of all footprints, which all tiles share.
     All(Vec<u32>),
     /// For each row of tiles, one list per column.
     Rows(Vec<Listed<u32>>),

@@ -6,9 +6,8 @@ use fearless_simd::{Level, dispatch, f32x8, f32x16, mask32x8, prelude::*, u32x8}
 
 use super::peak::{COUNTS_DOWN_TO, HELD_COUNTS, Peak, SHEET};
 use super::project::Footprint;
-use super::settings::TILE;
+use super::settings::{DepthMode, Sort, TILE};
 use super::tile::{Blended, Pixel, Task};
-use super::{DepthMode, Sort};
 use crate::math::num;
 
 const LANES: usize = 8;
@@ -256,7 +255,7 @@ fn tile<S: Simd, const DEPTH: u8>(simd: S, task: &Task<'_, '_>) -> Blended {
                         let inverse = inverse.max(least).min(most);
                         let sum = &mut pixels.depth_weight[vector];
                         (f32x8::from_slice(simd, sum) + weight * inverse).store_slice(sum);
-                        // A sheet that hides less than half is replaced by the next one.
+                        // A sheet that hides less than half is replaced with the next one.
                         let open = before.simd_gt(half_seen);
                         let counted = (before * (1.0 / COUNTS_DOWN_TO) as f32).min(1.0) * alpha;
                         let counted = held.select(counted * HELD_COUNTS as f32, counted);

@@ -1,8 +1,7 @@
 //! Blending in f64, one pixel after another. This is the reference for the fast version.
 
-use super::DepthMode;
 use super::peak::{COUNTS_DOWN_TO, HELD_COUNTS, SHEET};
-use super::settings::TILE;
+use super::settings::{DepthMode, TILE};
 use super::tile::{Blended, Pixel, Task};
 use crate::math::num;
 

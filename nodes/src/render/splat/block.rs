@@ -41,7 +41,7 @@ impl Blocks {
 pub(super) struct Block {
     /// Middle of the box.
     middle: DVec3,
-    /// Half of the sides of the box.
+    /// Half the lengths of the sides of the box.
     half: DVec3,
     /// Largest standard deviation of any of the splats along any axis, in world units.
     pub longest: f64,

@@ -11,12 +11,13 @@ use super::settings::TILE;
 use crate::math::{equirect, num};
 use crate::types::Camera;
 
-/// Distance beyond the edges of the image, as a fraction of half the image, up to which the derivative of the
-/// projection is evaluated at the centre of the splat. For splats farther out it is evaluated at this distance,
-/// because the linear approximation diverges (INRIA forward.cu: 1.3 times the tangent).
+/// Distance beyond the edges of the image, as a fraction of half the size of the image, up to which the derivative
+/// of the projection is evaluated at the centre of the splat. For splats farther out it is evaluated at this
+/// distance, because the linear approximation diverges (INRIA forward.cu: 1.3 times the tangent).
 const GUARD: f64 = 0.3;
 
-/// Margin of bounds in pixels, so that no pixel whose alpha reaches `alpha_cut` is lost to rounding.
+/// Margin, in pixels, that is added to bounds, so that no pixel whose alpha reaches `alpha_cut` is lost to
+/// rounding.
 pub(super) const SLACK_PX: f64 = 0.01;
 
 /// Minimum distance from the axis through the poles at which the derivative of a panorama is evaluated, as a
@@ -228,8 +229,9 @@ impl CameraModel for Pinhole {
         z <= near
     }
 
-    /// Compares with all four edges in coordinates multiplied by z, so that most splats outside the picture need no
-    /// division. There are no branches, so the compiler can vectorise the test over several splats.
+    /// Returns true if a splat lies outside one of the four edges of the picture. The comparisons are in coordinates
+    /// multiplied by z, so that most splats outside the picture need no division. There are no branches, so the
+    /// compiler can vectorise the test over several splats.
     #[inline(always)]
     fn is_aside(&self, d: DVec3, world: f64, pixels: f64) -> bool {
         let (x, y, z) = (self.right.dot(d), self.down.dot(d), self.forward.dot(d));

@@ -11,7 +11,7 @@ const SOLID: f32 = 0.5;
 /// Minimum share of the solid splats in front of the eye that must be cut away for a warning.
 pub(crate) const REPORTED: f64 = 0.02;
 
-/// Solid splats in front of the eye: the number that is cut away, and the number that is kept.
+/// Numbers of solid splats in front of the eye: those that are cut away, and those that are kept.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 struct Count {
     cut: u64,

@@ -14,8 +14,12 @@ use engine::{Context, NodeError, Up};
 use fearless_simd::Level;
 use glam::DVec3;
 
+use super::block::Blocks;
 use super::camera_model::{Pinhole, Sphere};
-use super::{Blocks, Clock, Limit, Rendered, Settings, Sort, Surface, Work, draw};
+use super::draw::{Clock, Limit, Rendered, draw};
+use super::settings::{Settings, Sort};
+use super::surface::Surface;
+use super::work::Work;
 use crate::math::{equirect, num};
 use crate::types::{Camera, Data, Image, Splats};
 
@@ -33,7 +37,7 @@ const DENSITY: f64 = 1.5;
 pub struct PanoramaCamera {
     /// Position, in world units.
     pub eye: DVec3,
-    /// Up direction, shown at the top edge of the picture.
+    /// Up direction of the world. It is shown along the top edge of the picture.
     pub up: Up,
     /// Number of columns, which must be even. There are half as many rows.
     pub width_px: u32,

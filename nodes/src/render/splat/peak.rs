@@ -33,7 +33,7 @@ pub(super) const SHEET: f64 = 0.02;
 pub(super) const COUNTS_DOWN_TO: f64 = 0.25;
 
 /// Factor on the weight of a splat in the mean of a sheet if `HELD_SIGMAS` limits its peak. Such a peak is not on
-/// the surface, but it is better than nothing where no other splat is visible.
+/// the surface, but it is used where no other splat is visible.
 pub(super) const HELD_COUNTS: f64 = 0.01;
 
 /// Depths of the peaks of a splat, as a function of the position of the pixel. Fits one cache line, like a

@@ -11,9 +11,10 @@ use super::block::{BLOCK, Blocks};
 use super::camera_model::{CameraModel, SLACK_PX, TileRange};
 use super::listed::{Listed, clip};
 use super::peak::Peak;
-use super::settings::TILE;
+use super::settings::{Bounds, DepthMode, Precision, Settings, Sort, TILE};
+use super::sh;
 use super::shape::{BATCH, Batch, Shape};
-use super::{Bounds, DepthMode, Precision, Settings, Sort, Work, sh};
+use super::work::Work;
 use crate::math::num;
 use crate::types::Splats;
 
@@ -56,9 +57,9 @@ pub(super) struct Entry {
 #[derive(Default)]
 struct Chunk {
     footprints: Vec<Footprint>,
-    /// For each splat, the distance by which its centre must lie in front of the limiting surface (see
-    /// [`Limit`](super::Limit)) for the splat to be drawn, in world units. Empty if there is no such surface or all
-    /// of these distances are 0.
+    /// For each footprint, the distance by which the centre of its splat must lie in front of the limiting surface
+    /// (see [`Limit`](super::draw::Limit)) for the splat to be drawn, in world units. Empty if there is no such surface
+    /// or all of these distances are 0.
     margins: Vec<f32>,
     /// Peak of each footprint, for `RayMedian`.
     peaks: Vec<Peak>,
@@ -92,7 +93,7 @@ impl Projected {
         Self { chunks, splats: 0, faint: 0, behind: 0, log2_cut: 0.0, period: None }
     }
 
-    /// For each chunk, lists the footprints that touch each of these rows of tiles, in file order.
+    /// For each chunk and each row of tiles in `rows`, lists the footprints that touch that row, in file order.
     pub(super) fn listed(&self, rows: &Range<usize>, cx: &Context) -> Result<Vec<Listed<Entry>>, NodeError> {
         cx.for_each_tile(self.chunks.len(), |chunk| {
             let number = (chunk << CHUNK_BITS) as u32;
@@ -252,7 +253,7 @@ struct Projection<'a, L> {
     eye: DVec3,
     /// Degree of the harmonics that are used.
     degree: u32,
-    /// Same as `sigmas` of [`Limit`](super::Limit); 0 if there is no limit.
+    /// Same as `sigmas` of [`Limit`](super::draw::Limit); 0 if there is no limit.
     limit_sigmas: f64,
     /// True if each splat is evaluated only within its bounds, false if at every pixel.
     bounded: bool,

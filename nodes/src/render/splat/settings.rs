@@ -95,8 +95,8 @@ engine::params! {
     }
 }
 
-/// Replacement for the parameter `name`, if it is a parameter that only versions of the splat kinds up to `last`
-/// have.
+/// Replacement for the parameter `name`, which versions of the splat kinds up to `last` had. `None` if they had no
+/// such parameter.
 pub(crate) fn former(name: &str, last: u32) -> Option<Former> {
     let fields: &[&str] = &["skip_unseen", "skip_harmonics"];
     fields.contains(&name).then(|| Former::exhaustive(fields, last))
@@ -185,8 +185,8 @@ pub struct Settings {
     pub skip_unseen: bool,
     /// True to skip harmonics above the available degree.
     pub skip_harmonics: bool,
-    /// Maximum memory of the lists of tiles, in bytes. One row that lists each splat once is always allowed. This
-    /// limit does not change a bit of the result.
+    /// Maximum memory of the lists of tiles, in bytes. A group whose lists contain each splat only once may
+    /// exceed it. This limit does not change a bit of the result.
     pub list_bytes: u64,
 }
 

@@ -54,8 +54,8 @@ pub(super) fn basis(degree: u32, [x, y, z]: [f32; 3]) -> [f32; MAX_LEN] {
 /// value is still a finite f32.
 pub(super) const LARGEST: f32 = 1e15;
 
-/// Colour of a splat seen along `direction`: the sum over `coefficients`, plus one half, not below 0. Values above
-/// [`LARGEST`], and NaN from sums that overflow, become [`LARGEST`].
+/// Colour of a splat seen along `direction`: the sum of the basis functions weighted by `coefficients`, plus one
+/// half, clamped to at least 0. Values above [`LARGEST`], and NaN from sums that overflow, become [`LARGEST`].
 #[inline(always)]
 pub(super) fn colour(degree: u32, coefficients: &[[f32; 3]], direction: [f32; 3]) -> [f32; 3] {
     let basis = basis(degree, direction);

@@ -3,6 +3,8 @@ use glam::{DMat3, DMat4, DVec3};
 use super::*;
 use crate::math::num;
 use crate::testing::{context, levels};
+use crate::types::{Data, Image};
+use engine::Notes;
 
 mod blocks;
 mod extremes;
@@ -11,7 +13,7 @@ mod modes;
 mod panorama;
 mod peaks;
 
-/// Reproducible numbers in [0, 1).
+/// Generator of reproducible random numbers in [0, 1).
 struct Random(u64);
 
 impl Random {
@@ -117,7 +119,7 @@ const F64: Settings = Settings {
     list_bytes: settings::LIST_BYTES,
 };
 
-/// Pixel of the textbook implementation, blended front to back.
+/// State of a pixel of the textbook implementation, which blends splats front to back.
 struct TextbookPixel {
     rgb: [f64; 3],
     transmittance: f64,

@@ -5,8 +5,7 @@ use std::sync::{Mutex, PoisonError};
 use engine::Context;
 
 use super::project::Projected;
-use super::settings::TILE;
-use super::{DepthMode, Settings};
+use super::settings::{DepthMode, Settings, TILE};
 use crate::types::{Data, Image};
 
 /// The rows of a picture that one row of tiles covers. Each tile writes its pixels to the strip when it is finished.
@@ -42,7 +41,7 @@ impl<'a> Strip<'a> {
     }
 }
 
-/// Input of blending one tile.
+/// Input for blending one tile.
 pub(super) struct Task<'a, 'p> {
     pub projected: &'a Projected,
     pub list: &'a [u32],
@@ -55,7 +54,7 @@ pub(super) struct Task<'a, 'p> {
     pub strip: &'a Mutex<Strip<'p>>,
 }
 
-/// Result of blending one pixel.
+/// Result of blending the splats at one pixel.
 pub(super) struct Pixel {
     pub rgba: [f32; 4],
     pub depth: f32,
@@ -65,7 +64,7 @@ pub(super) struct Pixel {
 }
 
 impl Task<'_, '_> {
-    /// Writes the pixels of the tile, which `pixel` returns by row and column.
+    /// Writes the pixels of the tile to the strip. `pixel` returns the pixel at a row and a column.
     #[inline(always)]
     pub(super) fn show(&self, pixel: impl Fn(usize, usize) -> Pixel) {
         let [x0, _, width, height] = self.area;
@@ -88,7 +87,7 @@ impl Task<'_, '_> {
     }
 
     /// Depth at which blending ends for each pixel of the tile, in rows of [`TILE`] values; +inf outside the
-    /// picture.
+    /// picture. `None` if there is no limit.
     pub(super) fn limits(&self) -> Option<Vec<f32>> {
         let image = self.limit?;
         let [x0, y0, width, height] = self.area;

@@ -1,5 +1,5 @@
-//! Compares every mode with the float64 references of `splat-refs`, and with this renderer in float64 without
-//! bounds.
+//! Compares every mode with the float64 references of `splat-refs`, and with this renderer in float64 if every
+//! splat is evaluated at every pixel.
 
 use nodes::render::splat::{Bounds, Precision, Settings, render};
 
@@ -7,7 +7,7 @@ use testkit::psnr;
 
 use crate::{Bench, millions, timed};
 
-/// Size of the part of a view for which every splat is evaluated at every pixel, in pixels.
+/// Width and height in pixels of the part of a view in which every splat is evaluated at every pixel.
 const PART: (u32, u32) = (32, 24);
 
 pub fn table(bench: &Bench) {

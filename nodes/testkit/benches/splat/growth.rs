@@ -1,5 +1,5 @@
-//! Measures how the rendering time grows with the number of splats, and how much time a second thread saves and
-//! costs.
+//! Measures how the rendering time grows with the number of splats, and how much elapsed time a second thread saves
+//! and how much CPU time it adds.
 
 use std::sync::Mutex;
 
@@ -12,10 +12,10 @@ use testkit::{process_seconds, thread_seconds};
 
 use crate::{Bench, millions};
 
-/// Number of runs. Only the shortest one counts.
+/// Number of runs. Only the shortest run counts.
 const RUNS: u32 = 15;
 
-/// The `count` splats nearest to a point, in file order.
+/// The `count` splats nearest to the point `middle`, in file order.
 fn crop(scene: &Splats, middle: DVec3, count: usize) -> Splats {
     let mut order: Vec<usize> = (0..scene.len()).collect();
     order.sort_by(|a, b| {
@@ -79,7 +79,7 @@ pub fn table(bench: &Bench) {
 /// CPU time of each stage of rendering a picture, in milliseconds: project, sort, bin, blend, and freeing memory.
 #[derive(Clone, Copy)]
 struct Run {
-    /// For each stage: time of the drawing thread, and time of all threads.
+    /// For each stage: CPU time of the drawing thread, and of all threads together.
     stages: [[f64; 2]; 5],
 }
 
@@ -100,7 +100,7 @@ impl Run {
         (Self { stages }, seen.work)
     }
 
-    /// Sum of the stages, followed by each stage.
+    /// Returns the sum of the stages, followed by the stages.
     fn with_sum(stages: [f64; 5]) -> [f64; 6] {
         let [project, sort, bin, blend, free] = stages;
         [stages.iter().sum(), project, sort, bin, blend, free]
@@ -110,7 +110,8 @@ impl Run {
         Self::with_sum(self.stages.map(|[_, all]| all))
     }
 
-    /// Time of the busier of two threads in each stage, which is the elapsed time on two free cores.
+    /// The sum and each stage, counting only the busier of two threads in each stage. This is the elapsed time if
+    /// two cores are free.
     fn busier(&self) -> [f64; 6] {
         Self::with_sum(self.stages.map(|[own, all]| own.max(all - own)))
     }

@@ -1,4 +1,4 @@
-//! Loss of quality that each setting causes, in decibels, and number of evaluations that it saves.
+//! Measures the loss of quality that each setting causes, in decibels, and the number of evaluations that it saves.
 
 use nodes::render::splat::{Bounds, DepthMode, Precision, Rendered, Settings, Sort, render};
 use nodes::types::{Camera, Splats};
@@ -7,7 +7,8 @@ use testkit::psnr;
 
 use crate::{Bench, millions, timed};
 
-/// Renders at half the size, and enlarges the picture to the full size by interpolation between pixel centres.
+/// Renders at half the width and height, and enlarges the picture to full size by interpolation between pixel
+/// centres.
 fn at_half(scene: &Splats, camera: &Camera, settings: Settings, bench: &Bench) -> Rendered {
     let half = Camera {
         width_px: camera.width_px / 2,

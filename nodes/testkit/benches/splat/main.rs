@@ -25,7 +25,7 @@ use testkit::{Data, Reference, process_seconds};
 
 /// Data, context and thread pool of the benchmarks.
 struct Bench {
-    /// Folder of the data. `None` if there are no data.
+    /// The data folder; `None` if it is not given.
     folder: Option<PathBuf>,
     data: Option<Data>,
     cx: Context,
@@ -34,7 +34,7 @@ struct Bench {
 }
 
 impl Bench {
-    /// Splats of `garden_sog`, or of [`cloud`] if there are no data.
+    /// The splats of `garden_sog`, or those of [`cloud`] if there is no data folder.
     fn garden(&self) -> Arc<Splats> {
         let load = || match &self.data {
             Some(data) => data.splats("splats/garden_sog", &[], false),
@@ -47,7 +47,7 @@ impl Bench {
         self.data.as_ref().unwrap().splats("splats/playbot_sog", &[], false)
     }
 
-    /// Camera of a view of `splat-refs`, or of [`cloud`] if there are no data.
+    /// The camera of a view of `splat-refs`. If there is no data folder, a camera that looks at [`cloud`].
     fn camera(&self, name: &str) -> Camera {
         match &self.data {
             Some(data) => Camera { name: name.to_owned(), ..Reference::named(data, name).camera },
@@ -55,14 +55,14 @@ impl Bench {
         }
     }
 
-    /// Colours of a view of `splat-refs`.
+    /// Reference colours of a view of `splat-refs`.
     fn reference(&self, name: &str) -> Vec<f32> {
         let data = self.data.as_ref().unwrap();
         Reference::named(data, name).layer(data, "rgb")
     }
 }
 
-/// Point of the garden from which panoramas are rendered.
+/// Position in the garden from which panoramas are rendered.
 const EYE: DVec3 = DVec3::new(4.02, -31.3, 0.2);
 
 /// 800 thousand splats, distributed uniformly in a slab in front of the camera.
@@ -87,8 +87,8 @@ fn cloud() -> Splats {
     }
 }
 
-/// Camera of 640x480 pixels that looks at [`cloud`] along -y, or in a direction off the axes if `name` contains
-/// `tilted`.
+/// Camera of 640x480 pixels that looks at [`cloud`] along -y or, if `name` contains `tilted`, in a direction that
+/// is not along an axis.
 fn before_the_cloud(name: &str) -> Camera {
     let tilted = DVec3::new(-0.121_572, -0.990_128, -0.069_756);
     let forward = if name.contains("tilted") { tilted.normalize() } else { DVec3::NEG_Y };
@@ -132,7 +132,7 @@ fn millions(n: u64) -> f64 {
     n as f64 / 1e6
 }
 
-/// First line that a command prints. `None` if the command fails.
+/// The first line that a command prints; `None` if the command fails.
 fn reported(command: &mut Command) -> Option<String> {
     let output = command.output().ok().filter(|output| output.status.success())?;
     Some(String::from_utf8_lossy(&output.stdout).lines().next().unwrap_or_default().to_owned())
@@ -152,7 +152,7 @@ fn origin() -> String {
     )
 }
 
-/// Name of a section, and the function that prints it.
+/// Name of a section of the output, and the function that prints the section.
 type Section = (&'static str, fn(&Bench));
 
 fn main() {

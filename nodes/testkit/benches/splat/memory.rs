@@ -1,4 +1,5 @@
-//! Peak memory in addition to the memory of the scene, compared with the memory estimates of the kinds.
+//! Measures the peak memory of rendering, without the memory of the scene, and compares it with the memory
+//! estimates of the kinds.
 
 use std::process::Command;
 use std::sync::Arc;
@@ -15,10 +16,10 @@ use nodes::types::{Pose, Rig};
 use crate::{Bench, EYE, load};
 
 /// Environment variable, with its value, that makes the allocator of the C library return freed memory at once.
-/// Otherwise memory that the allocator keeps would hide a peak.
+/// Without it, freed memory that the allocator keeps would hide a later peak.
 const GIVE_BACK: (&str, &str) = ("MALLOC_MMAP_THRESHOLD_", "65536");
 
-/// The entry `name` of `/proc/self/status`, in MiB.
+/// The value of the entry `name` in `/proc/self/status`, in MiB.
 fn status(name: &str) -> f64 {
     let text = std::fs::read_to_string("/proc/self/status").unwrap();
     let line = text.lines().find_map(|line| line.strip_prefix(name)).unwrap();

@@ -57,7 +57,7 @@ fn direct(scene: &Arc<Splats>, supersample: u32, precision: Precision, bench: &B
     SplatPanorama::run(&params, input, &bench.cx).unwrap().0.pano
 }
 
-/// Rig of 16 by 8 cameras. Each covers 22.5 degrees in both directions, and a margin.
+/// Rig of 16 by 8 cameras. Each camera covers an angle of 22.5 degrees in both directions, plus a margin.
 fn narrow() -> Arc<Rig> {
     let focal = 3.0 * WIDTH as f64 / (2.0 * PI);
     let size = (2.0 * focal * num::f64::tan(18.5_f64.to_radians())).ceil();
@@ -79,7 +79,8 @@ fn narrow() -> Arc<Rig> {
     Arc::new(Rig { cameras: cameras.collect() })
 }
 
-/// PSNR over the rows between two angles from the horizon, weighted by solid angle, in dB.
+/// PSNR in dB, weighted by solid angle, over the rows whose angle from the horizon is at least `from_deg` and less
+/// than `to_deg`.
 fn psnr(seen: &[f32], truth: &[f32], from_deg: f64, to_deg: f64) -> f64 {
     let (mut squares, mut weights) = (0.0, 0.0);
     for y in 0..WIDTH / 2 {
@@ -101,8 +102,9 @@ fn square(x: f64) -> f64 {
     x * x
 }
 
-/// Measures the seams between the faces of a rig: the change of the error between neighbouring pixels on two faces,
-/// divided by the change between other neighbouring pixels of a row. A result of 1 means that there is no seam.
+/// Measures the seams between the faces of a rig. Returns the root-mean-square change of the error between
+/// neighbouring pixels of a row that lie on different faces, divided by the same quantity for neighbours on the
+/// same face. A result of 1 means that there is no seam.
 fn seam(seen: &[f32], truth: &[f32], rig: &Rig) -> f64 {
     let face = |x: usize, y: usize| {
         let d = equirect::direction(

@@ -1,4 +1,5 @@
-//! Time saved by skipping work: blocks of splats outside all views, and harmonics of a scene of degree 0.
+//! Measures the time saved by skipping two types of work: blocks of splats outside all views, and the harmonics of
+//! a scene of degree 0.
 
 use std::sync::Arc;
 
@@ -11,7 +12,7 @@ use engine::{Kind, Up};
 
 use crate::{Bench, EYE, timed};
 
-/// Number of runs. Only the shortest one counts.
+/// Number of runs. Only the shortest run counts.
 const RUNS: usize = 9;
 
 pub fn table(bench: &Bench) {

@@ -1,5 +1,6 @@
-//! CPU time of each stage of rendering a view on one thread, for every instruction set of this machine. For
-//! comparison, the speed of the blending arithmetic alone is measured on one tile that stays in the L1 cache.
+//! Measures the CPU time of each stage of rendering a view on one thread, for every instruction set that this
+//! machine supports. For comparison, also measures the speed of the blending arithmetic alone, on one tile that
+//! stays in the L1 cache.
 
 use fearless_simd::Level;
 use nodes::render::splat::{Clock, Rendered, Settings, calibrate, render_at};
@@ -8,7 +9,7 @@ use testkit::thread_seconds;
 
 use crate::{Bench, millions};
 
-/// Number of runs. Only the shortest one counts, since other programs may use the machine.
+/// Number of runs. Only the shortest run counts, since other programs may slow down the others.
 const RUNS: usize = 9;
 
 fn levels() -> Vec<(&'static str, Level)> {

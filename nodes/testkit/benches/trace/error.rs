@@ -1,4 +1,4 @@
-//! Prints the error of each output for several numbers of samples, with the CPU seconds.
+//! Prints the error of each output and the CPU seconds spent, for several numbers of samples per pixel.
 
 use nodes::kinds::path_trace::surroundings::Surroundings;
 use testkit::{Case, Data, Traced, block_scores, relative_mse, rgb};
@@ -15,7 +15,7 @@ fn ratio_error(r0: &[f32], r1: &[f32], b0: &[f32], b1: &[f32]) -> f64 {
     (sum / f64::max(n, 1.0)).sqrt()
 }
 
-/// Numbers of samples per pixel: for each row of a table, and for the reference.
+/// Numbers of samples per pixel: one for each row of a table, and one for the reference.
 struct Effort {
     rows: &'static [u32],
     reference: u32,
@@ -24,7 +24,7 @@ const WHOLE: Effort = Effort { rows: &[4, 8, 16, 64], reference: 256 };
 /// A small amount of work, to check that the benchmark runs.
 const SMALL: Effort = Effort { rows: &[4], reference: 8 };
 
-/// Prints the table of the open scene. If `small`, only checks that it runs.
+/// Prints the table of the open scene. If `small` is true, takes few samples, only to check that the code runs.
 pub fn plane(data: &Data, small: bool) {
     let case = Case::load(data, "sunny_plane");
     let outside = case.reference("ref-mitsuba/R0.exr");
@@ -78,7 +78,8 @@ fn table(name: &str, case: &Case, how: Surroundings, outside: &[f32], effort: &E
     println!("\n{}\n", more.join("\n"));
 }
 
-/// Prints the time that `crop` saves and the error that it causes, for the open scene seen from several distances.
+/// Prints the time that `crop` saves and the error that it causes, for the open scene seen from several camera
+/// distances.
 pub fn crop(data: &Data) {
     let (near, how) = (Case::load(data, "sunny_plane"), Surroundings::OPEN);
     println!(

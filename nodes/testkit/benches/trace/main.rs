@@ -1,8 +1,8 @@
-//! Prints the tables of `docs/evidence/trace.md`: the error of each output of `path-trace` for several numbers of
-//! samples, with the CPU seconds. Run it as `cargo bench -p lightharmony-testkit --bench trace -- DATA
-//! [plane|ratio|rooms|crop|turn|rays] [SAMPLES ..]`, where DATA is a folder with `render-refs` and `gltf`. `ratio`
-//! takes numbers of samples. `small` only checks that `plane` and `ratio` run. `rays` compares with Embree if it is
-//! installed. `peers OUT SAMPLES ..` is used by `tests/tables/peers.py`.
+//! Prints the tables of `docs/evidence/trace.md`: the error of each output of `path-trace`, and the CPU seconds
+//! spent, for several numbers of samples per pixel. Run it as `cargo bench -p lightharmony-testkit --bench trace --
+//! DATA [plane|ratio|rooms|crop|turn|rays] [SAMPLES ..]`, where DATA is a folder with `render-refs` and `gltf`.
+//! `ratio` takes numbers of samples. `small` only checks that `plane` and `ratio` run. `rays` compares with Embree
+//! if it is installed. `peers OUT SAMPLES ..` is used by `tests/tables/peers.py`.
 #![allow(clippy::print_stdout, clippy::unwrap_used, reason = "a benchmark prints its results and may panic")]
 
 mod error;

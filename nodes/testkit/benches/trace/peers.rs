@@ -13,9 +13,9 @@ fn write(path: &Path, images: &Images) {
     std::fs::write(path, bytes).unwrap();
 }
 
-/// Measures the CPU seconds of one thread for each number of samples. Separate values are printed for setup, the
-/// receiver alone, the additional time for the object, the additional time for its shadow only, and the denoising
-/// filter. Loading is not included. Writes `without` and `with`, each with and without denoising, to `folder`, as
+/// Measures the CPU seconds of one thread for each number of samples. Prints the times for setup, for tracing the
+/// receiver alone and for denoising, and the additional times for tracing the object and for tracing only its
+/// shadow. Loading is not included. Writes `without` and `with`, each with and without denoising, to `folder`, as
 /// RGB in little-endian f32.
 pub fn once(data: &Data, folder: &Path, numbers: &[u32]) {
     let case = Case::load(data, "sunny_plane");

@@ -1,4 +1,4 @@
-//! Error of the ratio S = `with` / `without`, as traced and after denoising, and the CPU seconds spent.
+//! Measures the error of the ratio S = `with` / `without`, before and after denoising, and the CPU seconds spent.
 
 use std::collections::BTreeMap;
 
@@ -6,11 +6,11 @@ use nodes::kinds::path_trace::surroundings::Surroundings;
 use nodes::types::Images;
 use testkit::{Case, Data, Traced, denoised, relative_mse, rgb};
 
-/// Number of seeds. Errors are means over the seeds, and seconds are medians.
+/// Number of seeds. Reported errors are means over the seeds, and reported CPU seconds are medians.
 const SEEDS: u64 = 3;
 
-/// Root mean square errors of S, clamped to at most 1: first over the pixels that the object does not cover, then
-/// over the pixels that it partly covers.
+/// Root mean square errors of S, where S is first clamped to at most 1. The first error is over the pixels that the
+/// object does not cover, the second over the pixels that it partly covers.
 fn errors(alpha: &Images, [r0, r1]: [&Images; 2], [b0, b1]: &[Vec<f32>; 2]) -> [f64; 2] {
     let (r0, r1, alpha) = (rgb(r0), rgb(r1), alpha.0[0].picture.samples());
     let (mut sums, mut counts) = ([0.0; 2], [0.0; 2]);
@@ -26,9 +26,9 @@ fn errors(alpha: &Images, [r0, r1]: [&Images; 2], [b0, b1]: &[Vec<f32>; 2]) -> [
     [0, 1].map(|k| (sums[k] / f64::max(counts[k], 1.0)).sqrt())
 }
 
-/// Prints the table. If `small`, only checks that it runs. The sum of all columns of seconds is the cost of a new
-/// picture after the object was moved. After the object was only rotated, `without` is still valid, so the cost is
-/// the sum of the columns for the objects and the filter.
+/// Prints the table. If `small` is true, only checks that the code runs. The sum of all columns of seconds is the
+/// cost of a new picture after the object is moved. If the object is only rotated, `without` stays valid, so the
+/// cost is the sum of the columns for the object and the filter.
 pub fn table(data: &Data, numbers: &[u32], small: bool) {
     let (seeds, most) = if small { (1, 8) } else { (SEEDS, 128) };
     let case = Case::load(data, "sunny_plane");

@@ -1,4 +1,5 @@
-//! Compares the rays per second of this tracer and of Embree, for the same triangles and rays in one run.
+//! Compares the rays per second of this tracer with those of Embree, for the same triangles and the same rays in
+//! one run.
 
 use std::io::{BufRead, BufReader, Lines, Write};
 use std::path::{Path, PathBuf};
@@ -14,7 +15,7 @@ const RAYS: u32 = 196_608;
 /// Number of passes over a set of rays per measurement. With fewer, a measurement would take less than a tenth of a
 /// second.
 const PASSES: usize = 4;
-/// Number of alternating rounds of this tracer and Embree.
+/// Number of rounds. In each round, first this tracer and then Embree is measured.
 const ROUNDS: usize = 7;
 
 fn helmet(data: &Data) -> Vec<[Vec3; 3]> {
@@ -44,8 +45,8 @@ fn rays(eye: Vec3, tangent: f32, origins: impl Fn(Points) -> Vec3) -> [Vec<Ray>;
     [coherent.collect(), random.collect()]
 }
 
-/// Measures the CPU seconds of [`PASSES`] passes over a set of rays, first for the closest hit and then for any
-/// hit. Also returns the number of rays that hit a triangle.
+/// Traces a set of rays [`PASSES`] times for the closest hit and then [`PASSES`] times for any hit. Returns the CPU
+/// seconds of each, and the number of rays that hit a triangle.
 fn pass(bvh: &Bvh, rays: &[Ray]) -> ([f64; 2], usize) {
     let start = thread_seconds();
     let mut hits = [0; 2];
@@ -66,7 +67,8 @@ fn write(path: &Path, vectors: impl Iterator<Item = Vec3>) {
     std::fs::write(path, bytes).unwrap();
 }
 
-/// Embree with the same triangles and rays, in a separate process that waits for the number of a set of rays.
+/// Embree with the same triangles and rays, in a separate process. The process reads the index of a set of rays,
+/// traces this set, and prints its measurements.
 struct Embree {
     program: Child,
     folder: PathBuf,
@@ -119,7 +121,7 @@ impl Embree {
     }
 }
 
-/// Minimum, median and maximum.
+/// Minimum, median and maximum of a list.
 fn spread(mut list: Vec<f64>) -> [f64; 3] {
     list.sort_by(f64::total_cmp);
     [list[0], list[list.len() / 2], list[list.len() - 1]]

@@ -1,5 +1,6 @@
 //! Measures the cost of repeatedly rotating the object and rendering it with two samples per pixel. Prints the CPU
-//! seconds, and a digest of the pictures, which shows whether a change of the program affects only its speed.
+//! seconds and a digest of the pictures. If a change of the program leaves the digest unchanged, it affects only
+//! the speed.
 
 use nodes::kinds::path_trace::surroundings::Surroundings;
 use testkit::{Case, Data, denoised};

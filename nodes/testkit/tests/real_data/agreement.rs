@@ -1,5 +1,5 @@
-//! Tests of the comparison of splats and meshes with real and synthetic places, as they are and with faults. A run
-//! with `--nocapture` prints a table row for each comparison.
+//! Tests of the comparison of splats with a mesh, for real and synthetic places, both unmodified and with faults. A
+//! run with `--nocapture` prints a table row for each comparison.
 
 use std::sync::Arc;
 
@@ -64,8 +64,8 @@ fn demo(name: &'static str, place: Setting, height: f64) -> Scene {
     }
 }
 
-/// A capture with a view and a place for an object, like those that `init` chooses. Without `mesh`, the mesh is
-/// extracted from the splats.
+/// A capture with a camera and a place for an object, similar to those that `init` chooses. If `mesh` is `None`,
+/// the mesh is extracted from the splats.
 fn capture(
     name: &'static str,
     path: &str,
@@ -156,7 +156,8 @@ fn placed(mesh: &Mesh, by: &Similarity) -> Mesh {
     Mesh { positions, positions_low: Vec::new(), ..mesh.clone() }
 }
 
-/// Similarity transforms that tools often fail to apply: units, axes and shifts.
+/// Similarity transforms that tools often fail to apply, each with its name: changes of units and of axes, and
+/// shifts.
 fn faults() -> Vec<(String, Similarity)> {
     let one = Similarity::IDENTITY;
     let scales = [0.01, 0.1, 0.5, 2.0, 100.0].map(|scale| (format!("x{scale}"), Similarity { scale, ..one }));
@@ -213,8 +214,8 @@ fn with_debris(scene: &Scene, side: f64, reach: f64) -> Mesh {
     mesh
 }
 
-/// The mesh without the triangles that are beyond a plane and face along `axis`, the normal of the plane. Floors
-/// and other walls stay.
+/// The mesh without the triangles that lie beyond a plane and face along its normal, `axis`. Floors and other walls
+/// are kept.
 fn without_wall(mesh: &Mesh, axis: DVec3, beyond: f64) -> Mesh {
     let is_wall = |t: &[u32; 3]| {
         let [a, b, c] = t.map(|i| mesh.position(i));

@@ -1,5 +1,6 @@
-//! Tests of the estimated up direction and floor height. Every scene of the shared data is rotated to all six axes
-//! and by ten arbitrary rotations. `tests/tables/level.py` makes a table from the output.
+//! Tests of the estimated up direction and floor height. Every scene of the shared data is tested after each of the
+//! six rotations that map z to an axis, and after ten arbitrary rotations. `tests/tables/level.py` makes a table
+//! from the output.
 
 use std::sync::Arc;
 
@@ -14,12 +15,12 @@ use nodes::types::Splats;
 
 use super::data;
 
-/// A scene, with its true up direction and the true height of its floor, in its own frame, if they are known.
+/// A scene. If they are known, its true up direction and the true height of its floor, in the frame of the scene.
 struct Known {
     name: &'static str,
     splats: Arc<Splats>,
     truth: Option<(DVec3, f64)>,
-    /// Maximum permitted error of the up direction, in degrees, and of the floor, in world units.
+    /// Maximum permitted errors of the up direction, in degrees, and of the floor height, in world units.
     bounds: (f64, f64),
 }
 
@@ -114,7 +115,8 @@ fn degrees(a: DVec3, b: DVec3) -> f64 {
     num::atan2(a.cross(b).length(), a.dot(b)).to_degrees()
 }
 
-/// Error of the estimated height of the floor below the middle of the scene, measured along the true up direction.
+/// Error of the estimated floor height at the point of the floor below the middle of the scene, measured along the
+/// true up direction.
 fn floor_off(found: &LevelEstimate, up: DVec3, floor: f64) -> f64 {
     let (own, centre) = (DVec3::from_array(found.up), DVec3::from_array(found.centre));
     (centre.dot(up) - floor) - (centre.dot(own) - found.floor)

@@ -12,7 +12,7 @@ use nodes::types::{Brackets, Cell, Image, Panorama, Srgb};
 
 use super::data;
 
-/// A picture of the probe of the bench case, in display values.
+/// A picture that shows the probe of the bench case, in display values.
 fn picture(name: &str) -> Image<Srgb> {
     let bytes = data().bytes(&format!("bench-case/probe/{name}"));
     let raster = nodes::io::png::read(name, &bytes).unwrap();
@@ -94,9 +94,9 @@ fn the_true_bracket_gives_the_true_light_but_for_the_sun() {
     assert!(judged > 290_000 && off * 100 < judged, "{off} of {judged} pixels are off");
 }
 
-/// Mean errors of irradiance and of contrast, in stops, over every second panorama that the weights were trained
-/// on, photographed at EV 0. The first pair holds the errors of the photographs themselves, the second the errors
-/// after a method has recovered the light.
+/// Mean errors of irradiance and of contrast, in stops, over every second panorama of the training set,
+/// photographed at EV 0. The first pair contains the errors of the photographs themselves, the second pair the
+/// errors after `method` has recovered the light.
 fn errors(method: &Method) -> [[f64; 2]; 2] {
     let mut files: Vec<_> =
         std::fs::read_dir(data().path("hdri-train")).unwrap().map(|entry| entry.unwrap().path()).collect();
@@ -129,7 +129,7 @@ fn errors(method: &Method) -> [[f64; 2]; 2] {
                 number(&row.unwrap()[1]).abs()
             };
             sums[0] += row("mean irradiance") / count;
-            sums[1] += row("dominant light against the rest") / count;
+            sums[1] += row("contrast of the dominant light") / count;
         }
     }
     sums

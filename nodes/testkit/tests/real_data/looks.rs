@@ -32,7 +32,8 @@ fn camera(eye: DVec3, target: DVec3, (width, height): (u32, u32), fov_y_deg: f64
     Rig { cameras: vec![camera] }
 }
 
-/// Renders the object layer for a file of the shared data, on a floor of 8 m under studio lamps.
+/// Renders the object in a file of the shared data, on a floor 8 m wide under studio lamps. Returns the object
+/// layer.
 fn render(path: &str, scale: f64, at: DVec3, rig: Rig, samples: u32) -> (Vec<f32>, Notes) {
     let data = Data::shared(Up::PlusY, 7);
     let (object, notes) = data.object(&format!("gltf/{path}"));

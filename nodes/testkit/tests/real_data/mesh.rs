@@ -56,7 +56,7 @@ impl Normal {
     }
 }
 
-/// Adds errors to splats that are similar to the errors of a trained scene. Normals are rotated by N(0, tilt).
+/// Adds errors to splats, similar to the errors of splats in a trained scene. Normals are rotated by N(0, tilt).
 /// Centres are moved by N(0, jitter) along the normal and by N(0, jitter / 2) perpendicular to it. Axes are
 /// multiplied by exp N(0, 0.35). Opacities are drawn from Beta(4, 1.2).
 fn degraded(splats: &Splats, tilt_deg: f64, jitter: f64) -> Splats {
@@ -86,15 +86,15 @@ fn degraded(splats: &Splats, tilt_deg: f64, jitter: f64) -> Splats {
     out
 }
 
-/// Deviation of a mesh from the ground truth in a view.
+/// Deviations of a mesh from the ground truth in a view.
 struct Score {
-    /// Median deviation along the ray within 1 m of the foot, in millimetres.
+    /// Median deviation within 1 m of the foot, measured along the ray of each pixel, in millimetres.
     median: f64,
-    /// 90th percentile of this deviation, in millimetres.
+    /// 90th percentile of the deviation of which `median` is the median, in millimetres.
     most: f64,
-    /// Percentage of the pixels with a surface in the ground truth at which the mesh has no surface.
+    /// Percentage of the pixels with a surface in the ground truth where the mesh has no surface.
     holes: f64,
-    /// Percentage of the pixels with a surface in the ground truth at which the mesh shows its back.
+    /// Percentage of the pixels with a surface in the ground truth where the mesh shows a back face.
     backs: f64,
 }
 

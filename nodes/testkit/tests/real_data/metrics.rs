@@ -107,8 +107,8 @@ fn relative_mse_agrees_on_linear_light() {
     }
 }
 
-/// Compares the panorama error of `score-env`, which is weighted by solid angle and relative to the mean of the
-/// truth, with a reference for the same pictures.
+/// The panorama error of `score-env` agrees with a reference for the same pictures. This error is weighted by solid
+/// angle and is relative to the mean of the truth.
 #[test]
 fn panoramas_are_weighed_as_the_reference_does() {
     for (name, wanted) in refs()["hdr"].as_object().unwrap() {

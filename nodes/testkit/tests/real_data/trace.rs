@@ -35,8 +35,8 @@ fn compare(name: &str, ours: &[f32], reference: &[f32]) -> (f64, f64) {
 
 /// Compares the luminance of `without` with the luminance in a render by another program. The difference at each
 /// pixel is divided by its standard error. Returns the mean of this score over the pixels, and the share of the
-/// pixels whose score is above 3. The variance of the other render is assumed to be `noise` times (its squared
-/// luminance + 0.01), as stated in its notes.
+/// pixels whose score is above 3. As its notes state, the variance of the other render is `noise` times (squared
+/// luminance + 0.01).
 fn z_scores(out: &path_trace::Out, outside: &[f32], noise: f64) -> (f64, f64) {
     let y = |rgb: &[f32]| f64::from(luminance([rgb[0], rgb[1], rgb[2]]));
     let variance = out.variance.0[0].picture.samples().chunks(4).map(|v| f64::from(v[0]));
@@ -123,9 +123,9 @@ fn closed_room_agrees_with_the_prototype_in_every_mode() {
     }
 }
 
-/// Root mean square errors of the ratio `with` / `without`: first over the pixels that no object covers, then over
-/// the pixels that are partly covered. The reference ratio is computed from two renders that use the same random
-/// numbers.
+/// Root mean square errors of the ratio `with` / `without`. The first is over the pixels that no object covers, the
+/// second over the pixels that are partly covered. The reference ratio is computed from two renders that use the
+/// same random numbers.
 fn ratio_error(out: &path_trace::Out, pair: [&Images; 2], reference: [&[f32]; 2]) -> [f64; 2] {
     let ratio = |without: &[f32], with: &[f32], i: usize| f64::from(with[i] / without[i]).min(1.0);
     let alpha: Vec<f32> = out.object.0[0].picture.samples().chunks(4).map(|p| p[3]).collect();
@@ -160,8 +160,8 @@ fn the_ratio_raw_and_denoised_is_within_its_bars() {
     }
 }
 
-/// Trees of ten million triangles are built and traced, for triangles that are all in one place and for rough
-/// ground. This test fails if `most_in_one_place` always returns 0.
+/// Trees of ten million triangles are built and traced, both for triangles that all lie at one position and for
+/// rough ground. This test fails if `most_in_one_place` always returns 0.
 #[test]
 fn ten_million_triangles_are_built_and_met() {
     use glam::Vec3;

@@ -46,7 +46,7 @@ fn object(path: &str) -> Result<(Arc<Object>, Notes), NodeError> {
     LoadObject::run(&p, load_object::In {}, &cx(1.0)).map(|(out, notes)| (out.object, notes))
 }
 
-/// Rig with one camera, such as the camera in `view.ron` or `insert.ron`.
+/// Rig with one camera, for example the camera in `view.ron` or `insert.ron`.
 fn rig(eye: [f64; 3], target: [f64; 3], size: [u32; 2], fov_y_deg: f64) -> Arc<Rig> {
     let [width_px, height_px] = size;
     let name = "camera".to_owned();
@@ -94,8 +94,8 @@ fn splats_of_other_tools_give_their_picture() {
     assert_eq!(splats("ascii.ply").unwrap().0.len(), 64);
 }
 
-/// A place that is scaled to a twentieth of its size gives the same picture if the scale of the scene is set. If
-/// the scale is not set, a warning reports that the near plane cuts away splats.
+/// A place that is reduced to a twentieth of its size gives the same picture if `metres_per_unit` is set
+/// accordingly. Otherwise a warning reports that the near plane cuts away splats.
 #[test]
 fn a_place_in_a_unit_cube_is_whole_or_reported() {
     let eye = |s: f64| rig([0.6 * s, -3.2 * s, 1.6 * s], [0.0, 0.0, 0.45 * s], [160, 120], 40.0);

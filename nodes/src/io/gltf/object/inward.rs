@@ -12,10 +12,10 @@ const CLOSED: f64 = 1e-3;
 /// area.
 const OPEN: f64 = 0.5;
 /// A part looks inwards if the mean cosine between its face normals and the directions from its middle, weighted by
-/// area and distance, is below this. The mean is -1 for a sphere that is turned inside out, -0.8 for such a cube,
-/// and -0.5 for such a long box.
+/// area and distance, is below this. If a shape is turned inside out, the mean is -1 for a sphere, -0.8 for a cube
+/// and -0.5 for a long box.
 const INWARD: f64 = -0.3;
-/// Maximum number of other parts that are tested for containing a cavity; the largest parts are tested.
+/// Maximum number of parts that are tested for enclosing another part as a cavity. The largest parts are tested.
 const HOLDERS: usize = 64;
 
 /// A connected part of an object.
@@ -213,8 +213,8 @@ mod tests {
     use super::*;
     use crate::testing::context;
 
-    /// A box with separate vertices for each face, as exporters write it. It has the first `faces` of the six
-    /// faces; `inwards` reverses their winding, and `normals` is the sign of their normals.
+    /// A box with separate vertices for each face, as exporters write it. Only the first `faces` of its six faces
+    /// exist; `inwards` reverses their winding, and `normals` is the sign of their normals.
     fn cube(half: f32, at: [f32; 3], inwards: bool, normals: f32, faces: usize) -> Primitive {
         let mut p = Primitive::default();
         for face in 0..faces {
@@ -247,7 +247,7 @@ mod tests {
     }
 
     /// Closed parts that look inwards are turned, and other parts are not. This test fails if `score() < INWARD` is
-    /// `score() > 0.3`.
+    /// replaced with `score() > 0.3`.
     #[test]
     fn closed_shapes_that_look_inwards_are_turned() {
         let right = cube(1.0, [3.0, 0.0, 0.0], false, 1.0, 6);

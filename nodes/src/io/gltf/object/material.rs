@@ -12,11 +12,11 @@ use crate::types::{
     Sampler, Sheen, Specular, TextureRef, TextureTransform, Wrap,
 };
 
-/// Reads materials, and collects the images that they use.
+/// Reader of the materials of a file, which also collects the images that they use.
 pub struct Materials<'a> {
     name: &'a str,
     json: &'a Value,
-    /// Indices of images in use, in the order of [`TextureRef::texture`].
+    /// Indices of the images in use. [`TextureRef::texture`] is an index into this list.
     pub images: Vec<usize>,
     clamped: u64,
     ignored: BTreeSet<String>,
@@ -33,14 +33,14 @@ const NOT_DRAWN: [(&str, &str); 5] = [
     ("KHR_texture_basisu", "textures use the PNG or JPEG fallback"),
 ];
 
-/// The effect of not supporting an extension.
+/// The effect on the picture of ignoring an extension.
 fn effect(extension: &str) -> &'static str {
     let known = NOT_DRAWN.iter().find(|(name, _)| *name == extension);
     known.map_or("the extension is unknown", |(_, effect)| effect)
 }
 
 impl<'a> Materials<'a> {
-    /// A reader of the materials in `json`.
+    /// Creates a reader of the materials in `json`.
     pub fn new(name: &'a str, json: &'a Value) -> Self {
         Self {
             name,
@@ -57,14 +57,18 @@ impl<'a> Materials<'a> {
     pub fn read(&mut self, notes: &mut Notes) -> Result<Vec<Material>, Error> {
         let list = self.json["materials"].as_array().map(Vec::as_slice).unwrap_or_default();
         let materials = list.iter().map(|m| self.material(m)).collect::<Result<_, _>>()?;
-        notes.count("factors-clamped", self.clamped, "material factors outside their range were clamped");
+        notes.count(
+            "factors-clamped",
+            self.clamped,
+            "of the material factors had to be clamped to the permitted range",
+        );
         for what in &self.ignored {
             notes.degraded("material-ignored", what.clone());
         }
         notes.count(
             "specular-glossiness",
             self.glossy,
-            "specular-glossiness materials: only the diffuse colour and the glossiness are read",
+            "of the materials had specular-glossiness parameters; only the diffuse colour and the glossiness were read",
         );
         self.report_others(notes);
         if self.occluded {
@@ -81,7 +85,10 @@ impl<'a> Materials<'a> {
         {
             let held = self.json[what].as_array().map_or(0, Vec::len);
             if held > 0 {
-                notes.decision("not-shown", format!("{held} {what} of the file are left out: {instead}"));
+                notes.decision(
+                    "not-shown",
+                    format!("the {what} of the file are left out (number: {held}): {instead}"),
+                );
             }
         }
         let lamps = self.json["nodes"].as_array().into_iter().flatten();
@@ -406,7 +413,8 @@ mod tests {
         assert!(Materials::new("a", &json).read(&mut notes).is_ok());
         let reported: Vec<_> = notes.iter().map(|n| n.text.clone()).collect();
         assert!(
-            reported[0].starts_with("2 animations of the file") && reported[1].starts_with("1 cameras"),
+            reported[0].starts_with("the animations of the file are left out (number: 2)")
+                && reported[1].starts_with("the cameras of the file are left out (number: 1)"),
             "{reported:?}"
         );
         assert_eq!(reported.len(), 2);

@@ -70,7 +70,11 @@ pub(crate) fn object(
         Vec::new()
     };
     let narrowed = textures.iter().filter(|(_, narrowed)| *narrowed).count() as u64;
-    notes.count("textures-narrowed", narrowed, "16-bit textures were rounded to 8 bits per channel");
+    notes.count(
+        "textures-narrowed",
+        narrowed,
+        "of the textures had to be rounded from 16 to 8 bits per channel",
+    );
     cx.progress(0.5);
     let mut primitives = Geometry::new(name, &file, &buffers).scene(scene, &mut materials, cx, notes)?;
     if want == Want::Everything {

@@ -2,10 +2,11 @@
 //!
 //! Data that a format cannot store is reported in notes, with counts.
 
+mod chunks;
 mod ply;
 mod spz;
 #[cfg(test)]
-#[allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+#[allow(clippy::unwrap_used, reason = "a test may panic")]
 mod tests;
 
 use engine::{Context, NodeError, Notes, Up};
@@ -13,6 +14,7 @@ use glam::DVec3;
 
 use crate::io::splats::{Row, Turn, from_y_up};
 use crate::types::{SplatEncoding, Splats};
+use chunks::chunks;
 
 /// A format to write.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -56,14 +58,14 @@ pub fn encode(
         SaveFormat::Spz | SaveFormat::Spz4 => {
             let version = if format == SaveFormat::Spz4 || splats.sh_degree == 4 { 4 } else { 3 };
             if version == 4 && format == SaveFormat::Spz {
-                let text = "written as SPZ version 4, since older versions hold no harmonics of degree 4";
+                let text = "the file is written as SPZ version 4, since older versions cannot store harmonics of degree 4";
                 notes.decision("spz-version", text);
             }
             let turn = up.map(|up| from_y_up(up).transpose()).filter(|m| *m != glam::DMat3::IDENTITY);
             match turn {
                 Some(matrix) => {
                     let from = up.map_or("", Up::name);
-                    let text = format!("rotated from {from} up to +y up, the up axis of SPZ");
+                    let text = format!("the splats were rotated from {from} up to +y up, the up axis of SPZ");
                     notes.decision("frame", text);
                     let turn = Turn::new(matrix, 1.0, DVec3::ZERO);
                     spz::encode(&turned(splats, &turn, cx)?, version, cx, &mut notes)?
@@ -75,19 +77,7 @@ pub fn encode(
     Ok((bytes, notes))
 }
 
-/// Number of splats per job.
-const CHUNK: usize = 16_384;
-
-/// Runs `f` over ranges of splats in parallel and joins the results.
-fn chunks<T: Send>(
-    count: usize,
-    cx: &Context,
-    f: impl Fn(std::ops::Range<usize>) -> T + Send + Sync,
-) -> Result<Vec<T>, NodeError> {
-    cx.for_each_tile(count.div_ceil(CHUNK), |chunk| f(chunk * CHUNK..((chunk + 1) * CHUNK).min(count)))
-}
-
-/// Transforms all splats.
+/// Returns all splats, transformed by `turn`.
 fn turned(splats: &Splats, turn: &Turn, cx: &Context) -> Result<Splats, NodeError> {
     let width = splats.sh_len();
     let parts = chunks(splats.len(), cx, |range| {

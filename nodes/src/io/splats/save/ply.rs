@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use engine::{Context, NodeError, Notes};
 
-use super::chunks;
+use super::chunks::chunks;
 use crate::io::splats::sh_rest;
 use crate::math::num;
 use crate::types::Splats;
@@ -35,7 +35,7 @@ pub(super) fn encode(splats: &Splats, cx: &Context, notes: &mut Notes) -> Result
     }
     header.push_str("end_header\n");
     let finer = splats.means_low.iter().filter(|low| **low != [0.0; 3]).count();
-    notes.count("centres-rounded", finer as u64, "centres are rounded to 32-bit floats");
+    notes.count("centres-rounded", finer as u64, "of the centres had to be rounded to 32-bit floats");
     let stride = (17 + rest * 3) * 4;
     let parts = chunks(splats.len(), cx, |range| {
         let mut out: Vec<u8> = Vec::with_capacity(range.len() * stride);

@@ -7,7 +7,7 @@ use std::io::Write;
 use engine::{Context, NodeError, Notes};
 use ruzstd::encoding::{CompressionLevel, compress_to_vec};
 
-use super::chunks;
+use super::chunks::chunks;
 use crate::io::splats::{SH_C0, SPZ_COLOUR_SCALE, sh_rest, spz_rotation, unit};
 use crate::math::num;
 use crate::types::Splats;
@@ -92,8 +92,9 @@ pub(super) fn encode(
     cx: &Context,
     notes: &mut Notes,
 ) -> Result<Vec<u8>, NodeError> {
-    let count = u32::try_from(splats.len())
-        .map_err(|_| NodeError::new(format!("SPZ cannot store {} splats", splats.len())))?;
+    let count = u32::try_from(splats.len()).map_err(|_| {
+        NodeError::new(format!("SPZ cannot store {} splats; the maximum is 2^32 - 1", splats.len()))
+    })?;
     let bits = fraction_bits(splats, notes)?;
     // Scales begin at e^-10: smaller ones grow, which is visible if the whole scene is small.
     let smallest = num::f64::exp(-10.0);
@@ -102,7 +103,7 @@ pub(super) fn encode(
     if grown > 0 {
         let least = axes.iter().copied().fold(f32::INFINITY, f32::min);
         let text = format!(
-            "{grown} of {} splat axes are shorter than {smallest:.1e} units, the minimum of SPZ, and were lengthened to it; the shortest has {least:.1e}. Scale the scene up if this is visible",
+            "splat axes shorter than {smallest:.1e} units, the minimum of SPZ, were lengthened to this minimum ({grown} of {}); the shortest axis has {least:.1e} units. Scale the scene up if this is visible",
             axes.len()
         );
         notes.warning("splats-grown", text);
@@ -145,7 +146,7 @@ pub(super) fn encode(
     let width = 3 * splats.len() as u64;
     let beyond = |which: &str, of: u64, cut: Cut, range: &str, loss: String| {
         format!(
-            "{} of {of} {which} are outside the range of SPZ, {range}, and were clamped to it; {loss}",
+            "{which} outside the range of SPZ, {range}, were clamped to this range ({} of {of}); {loss}",
             cut.count
         )
     };
@@ -155,7 +156,7 @@ pub(super) fn encode(
             "scales-cut",
             scales,
             format!(
-                "{} of {width} axes are longer than e^5.94 (379 units), the maximum of SPZ, and were shortened to it; the longest is divided by {:.3}",
+                "splat axes longer than e^5.94 (379 units), the maximum of SPZ, were shortened to this maximum ({} of {width}); the longest axis is divided by {:.3}",
                 scales.count,
                 num::f64::exp(scales.steps / 16.0)
             ),
@@ -172,7 +173,7 @@ pub(super) fn encode(
             "harmonics-cut",
             harmonics,
             beyond("other coefficients", width * rest as u64, harmonics, "-1 to 1", {
-                format!("they change by up to {:.3}", harmonics.steps / 128.0)
+                format!("these coefficients change by up to {:.3}", harmonics.steps / 128.0)
             }),
         ),
     ] {

@@ -115,16 +115,16 @@ fn what_does_not_fit_is_counted() {
     let ids: Vec<&str> = notes.iter().map(|note| note.id.as_str()).collect();
     assert_eq!(ids, ["encoding-not-stored", "coarse-centres", "scales-cut", "colours-cut", "harmonics-cut"]);
     assert!(notes.iter().all(|note| note.level == engine::Level::Warning));
-    for (id, says, loss) in [
+    for (id, says, count, loss) in [
         // The largest step, 255, is e^5.9375 units.
-        ("scales-cut", "3 of 120 axes", "divided by 2.639"),
+        ("scales-cut", "splat axes longer", "(3 of 120)", "divided by 2.639"),
         // 9 - 0.5 / 0.15 of the coefficient.
-        ("colours-cut", "1 of 120 constant", "by up to 1.599"),
+        ("colours-cut", "constant coefficients", "(1 of 120)", "by up to 1.599"),
         // 5 - 127 / 128.
-        ("harmonics-cut", "2 of 360 other", "by up to 4.008"),
+        ("harmonics-cut", "other coefficients", "(2 of 360)", "by up to 4.008"),
     ] {
         let text = &notes.iter().find(|note| note.id == id).unwrap().text;
-        assert!(text.starts_with(says) && text.contains(loss), "{text}");
+        assert!(text.starts_with(says) && text.contains(count) && text.contains(loss), "{text}");
     }
     scene.means[7] = [1e9, 0.0, 0.0];
     assert!(encode(&scene, SaveFormat::Spz, None, &context()).is_err());
@@ -165,7 +165,7 @@ fn equal_scenes_give_equal_files() {
 
 /// Rotations that were read from a file are written unchanged, even if the largest components of a rotation are
 /// equal up to rounding, or if a component that rounds to zero is negative. If two codes decode to exactly the same
-/// rotation, the first code is written. This test fails if `AS_LARGE` is 1e-7.
+/// rotation, the first code is written. This test fails if the value of `AS_LARGE` is 1e-7.
 #[test]
 fn rotations_of_spz_come_back_as_they_were() {
     let sizes = [0_u32, 1, 2, 87, 208, 294, 295, 296, 360, 361, 362, 417, 509, 510, 511];
@@ -216,7 +216,8 @@ fn every_axis_that_grows_is_reported() {
         notes.iter().filter(|note| note.id == "splats-grown").map(|note| &note.text).collect();
     assert!(
         reported.len() == 1
-            && reported[0].starts_with("3 of 120 splat axes")
+            && reported[0].starts_with("splat axes shorter")
+            && reported[0].contains("(3 of 120)")
             && reported[0].contains("1.0e-8"),
         "{reported:?}"
     );

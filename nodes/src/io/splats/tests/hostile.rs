@@ -126,7 +126,7 @@ fn bombs_are_refused() {
     }
 }
 
-/// Reproducible damage to files.
+/// Generator of reproducible damage to files.
 struct Damage(u64);
 
 impl Damage {

@@ -152,7 +152,7 @@ fn sog_meta_of_other_versions_and_wrong_codebooks_are_refused() {
     assert!(says("[").contains("not a SOG"));
 }
 
-/// An untrusted scene reads files in its own folder only. This test fails without the check of the names.
+/// An untrusted scene reads only files in its own folder. This test fails if the check of the names is removed.
 #[test]
 fn sog_meta_names_only_what_lies_beside_it() {
     let files = build::sog(2);

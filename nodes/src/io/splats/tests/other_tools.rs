@@ -138,7 +138,8 @@ fn infinities_are_opaque_absent_or_flat() {
     assert_eq!((splats.scales[0][0], splats.opacities[0]), (0.5, 0.0));
 }
 
-/// A missing third scale means a thickness of 0. This test fails if `NEG_INFINITY` in `Layout::row` is 0.
+/// A missing third scale means a thickness of 0. This test fails if `NEG_INFINITY` in `Layout::row` is replaced
+/// with 0.
 #[test]
 fn splats_of_two_scales_are_flat() {
     let names: Vec<&str> = FIELDS.iter().copied().filter(|name| *name != "scale_2").collect();
@@ -195,7 +196,7 @@ fn colours_as_codes_replace_coefficients() {
     let mut fields = floats(&FIELDS);
     fields[6].0 = "uchar";
     let error = read(&table(ENCODINGS[0], &[], &fields, &rows(1))).err().unwrap();
-    assert!(error.message().contains("`opacity` of floats, but one of type `uchar`"), "{error}");
+    assert!(error.message().contains("`opacity` that holds floats, but one of the type `uchar`"), "{error}");
 }
 
 /// A comment marks splats as trained with antialiasing, in plain and in compressed files. When the splats are

@@ -32,7 +32,7 @@ fn every_step_is_in_the_books() {
     let steps = &out.report.tables[2];
     assert_eq!(
         steps.columns,
-        ["", "panorama", "predicted", "blended", "flux kept", "feathered", "environment"]
+        ["quantity", "panorama", "predicted", "blended", "flux kept", "feathered", "environment"]
     );
     let row = |i: usize| -> Vec<f64> {
         let number = |cell: &Cell| if let Cell::Number(v) = cell { *v } else { panic!("a number") };

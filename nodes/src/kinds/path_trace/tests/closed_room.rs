@@ -4,7 +4,7 @@
 use super::materials::clear;
 use super::*;
 
-/// Heights of the base of a cube above the floor: below it, slightly below, on it, and slightly above.
+/// Heights of the base of a cube above the floor. Negative heights are below the floor.
 const HEIGHTS: [f64; 4] = [-0.01, -0.001, 0.0, 0.001];
 
 fn cube(material: &Material, z: f64) -> [Arc<Placed>; 1] {

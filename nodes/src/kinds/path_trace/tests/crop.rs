@@ -12,12 +12,15 @@ struct Afar {
     how: PathTrace,
 }
 
-/// Result of a trace: the ratio S for each pixel and channel, the number of rays, the text of the note on cropping,
-/// and all outputs.
+/// Result of a trace.
 struct Traced {
+    /// Ratio S for each pixel and channel.
     ratio: Vec<f64>,
+    /// Number of rays.
     rays: u64,
+    /// Text of the note on cropping, if there is one.
     reported: Option<String>,
+    /// All outputs of the node.
     out: Out,
 }
 

@@ -20,8 +20,9 @@ pub(super) fn rough_wall(noise: f32) -> Mesh {
     mesh
 }
 
-/// Renders a picture with the given thickness and distance from the wall. Returns two sums over the pixels: the
-/// coverage by the picture, and, where the wall is visible, the share of light that the picture blocks from it.
+/// Renders a framed picture with the given thickness and distance from the wall. Returns two sums over the pixels:
+/// the coverage of the framed picture, and the share of light that it takes from the wall, where the wall is
+/// visible.
 fn seen(noise: f32, (thick, off): (f32, f64), eye: DVec3, contact_metres: Option<f64>) -> [f64; 2] {
     let picture = box_mesh([-0.4, -thick, -0.3], [0.4, 0.0, 0.3], false);
     let objects = [placed(&picture, matte(0.5), DVec3::Y * -off)];
@@ -33,8 +34,9 @@ fn seen(noise: f32, (thick, off): (f32, f64), eye: DVec3, contact_metres: Option
     [cover, bare.map(|((a, b), _)| 1.0 - f64::from(b[0] / a[0].max(1e-6))).sum()]
 }
 
-/// A picture 2 cm thick, and a picture 4 mm thick, which is less than the noise of the wall, are completely visible
-/// from the front and from the side. This test fails if `Side::flat` finds no sides, or with `contact_metres: 0`.
+/// A framed picture on a rough wall is completely visible from the front and from the side. Tested with a thickness
+/// of 2 cm, and with a thickness of 4 mm, which is less than the noise of the wall. This test fails if `Side::flat`
+/// finds no sides, or with `contact_metres: 0`.
 #[test]
 fn a_picture_on_a_rough_wall_is_whole() {
     for eye in [DVec3::new(0.1, -3.0, 0.2), DVec3::new(2.4, -1.2, 0.4)] {

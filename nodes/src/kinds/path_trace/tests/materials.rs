@@ -288,7 +288,7 @@ fn a_clear_coat_dims_what_shines_under_it() {
     assert!(bare > 0.0 && (found / bare - 0.96).abs() < 0.01, "{found} of {bare}");
 }
 
-/// A flat mirror shows the sky like the background next to it, without the edges of texels. This test fails if
+/// A flat mirror shows the sky exactly as the background next to it does, without the edges of texels. This test fails if
 /// `is_narrow` is always false.
 #[test]
 fn mirrors_show_no_texels() {
@@ -345,9 +345,9 @@ fn a_lobe_as_narrow_as_a_texel_counts_a_sun_once() {
     }
 }
 
-/// A matte surface with bent shading normals reflects light by Lambert's law, summed over the texels above its
-/// triangles, for any viewer, because normals are adjusted only for mirrors. This test fails if
-/// `Frame::around(matte_normal)` is replaced by `frame`.
+/// A matte surface with bent shading normals reflects light by Lambert's law, regardless of the position of the
+/// viewer, because normals are adjusted only for mirrors. The expected light is summed over the texels above the
+/// triangles. This test fails if `Frame::around(matte_normal)` is replaced by `frame`.
 #[test]
 fn bent_normals_of_matte_surfaces_do_not_turn_with_the_viewer() {
     let mut env = constant(Up::PlusZ, [0.1; 3], 64);

@@ -12,7 +12,7 @@ use crate::testing::{SphereBins, chi_square};
 
 /// Point of capture of the panoramas below.
 const EYE: DVec3 = DVec3::new(-0.9, -0.7, 1.1);
-/// Lamp on the wall at x = 2 of [`room`]: its lowest and highest y and z.
+/// Range in y and range in z of the lamp, which is on the wall at x = 2 of [`room`].
 const LAMP: [[f64; 2]; 2] = [[0.2, 1.2], [1.5, 2.3]];
 
 /// Panorama at [`EYE`] in a black room with the lamp, of radiance 10. Each texel is the mean of many points.
@@ -325,8 +325,9 @@ fn choices_follow_the_light_of_a_place() {
     }
 }
 
-/// White furnace: in a white room under uniform light objects change nothing, seen directly or in a mirror, since a
-/// cube reflects as much light to the floor as it blocks. This test fails if `objects_beyond` returns 0.
+/// In a white room under uniform light (a white furnace), objects change nothing, whether the room is seen directly
+/// or in a mirror. A cube reflects as much light to the floor as it blocks. This test fails if `objects_beyond`
+/// returns 0.
 #[test]
 fn a_white_room_stays_white_in_a_mirror() {
     let mut env = white();

@@ -201,9 +201,9 @@ fn a_rug_under_a_table_stays_on_the_floor() {
     }
 }
 
-/// For a picture embedded in a wall with 3 mm of noise, a note states how far the picture must be moved so that all
-/// of it is visible. Nothing is reported after such a move, on a smooth wall, or on rough ground. This test fails
-/// if `REPORTED` starts at 0.7.
+/// A framed picture is embedded in a wall with 3 mm of noise. A note states how far it must be moved so that all of
+/// it is visible. Nothing is reported after such a move, on a smooth wall, or on rough ground. This test fails if
+/// `REPORTED` starts at 0.7.
 #[test]
 fn a_picture_in_a_rough_wall_is_reported() {
     let camera = rig(DVec3::new(0.3, -3.0, 0.2), DVec3::ZERO, 16, 1.5);

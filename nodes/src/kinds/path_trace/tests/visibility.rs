@@ -164,9 +164,9 @@ fn auto_finds_out_what_the_receiver_is() {
         let note = notes.iter().find(|n| n.id == "surroundings").expect("a decision");
         note.text.split(':').next().unwrap_or_default().to_owned()
     };
-    assert_eq!(decided(&room(), &inside()), "Room, 3 layers");
+    assert_eq!(decided(&room(), &inside()), "Room(layers: 3)");
     let outward = box_mesh([-2.0, -2.0, 0.0], [2.0, 2.0, 4.0], false);
-    assert_eq!(decided(&outward, &inside()), "Room, 3 layers, normals reversed");
+    assert_eq!(decided(&outward, &inside()), "Room(layers: 3), normals reversed");
     assert_eq!(decided(&plane(4.0), &rig(DVec3::new(0.0, -3.0, 2.0), DVec3::ZERO, 8, 1.0)), "Open");
     let mut mixed = room();
     for triangle in mixed.triangles.iter_mut().step_by(2) {

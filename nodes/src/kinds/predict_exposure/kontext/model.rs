@@ -11,7 +11,8 @@ use crate::light::linear::LinearPixels;
 use crate::math::color::{linear_from_srgb, luminance};
 use crate::math::num;
 
-/// Maximum number of passes: from EV 0 to EV -24, the darkest exposure that can be requested.
+/// Maximum number of passes. Eight passes of three stops lead from EV 0 to EV -24, the darkest exposure that can be
+/// requested.
 const MAX_PASSES: f64 = 8.0;
 
 impl Kontext<'_> {
@@ -92,7 +93,7 @@ impl Kontext<'_> {
         let height = width / 2;
         notes.decision(
             "kontext",
-            format!("Flux.1 Kontext made {passes} exposures at {width} x {height}, {STOPS} stops apart, each made from the one before"),
+            format!("Flux.1 Kontext made exposures of {width} x {height} pixels, each {STOPS} stops darker than the previous one (count: {passes})"),
         );
         cx.count("diffusion-steps", (passes * settings.steps * if self.seamless { 2 } else { 1 }) as u64);
         let small = shrunk(pixels, width, height);

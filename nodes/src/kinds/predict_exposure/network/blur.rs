@@ -14,8 +14,7 @@ pub(super) struct Fields {
 impl Fields {
     /// Blurs the fields with two passes of a box filter. At the horizon, each box reaches `radius / 2` cells to
     /// both sides, so the total reach is `radius`. Rows wrap around, and their boxes are widened by 1 /
-    /// cos(latitude).
-    /// Columns continue across a pole on the opposite meridian.
+    /// cos(latitude). Columns continue across a pole on the opposite meridian.
     pub fn blurred(&self, radius: usize) -> Self {
         let half = (radius / 2).max(1);
         let once = self.along_rows(half).along_columns(half);

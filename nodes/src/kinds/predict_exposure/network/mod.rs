@@ -7,8 +7,9 @@ mod scene;
 
 use engine::{Context, NodeError};
 
+use super::clipped::{Clipped, RegionLight};
 use super::spread::Spread;
-use super::{Clipped, RegionLight, sun};
+use super::sun;
 use crate::error::Error;
 use crate::light::energy_table::EnergyTable;
 use crate::light::measure::luminance;
@@ -29,8 +30,8 @@ pub(super) fn parse(file: &str, bytes: &[u8]) -> Result<Network, Error> {
     Network::parse(file, bytes, OVERVIEW, CELL)
 }
 
-/// The light hidden in each clipped cell, as the mean over an ensemble of networks, and the disagreement of the
-/// networks about the light of each region, in stops.
+/// The hidden light that an ensemble of networks predicts. `cells` holds the mean prediction for each clipped cell,
+/// and `disagreement` the standard deviation of the networks for each region, in stops.
 pub(super) struct Hidden {
     pub cells: Vec<f64>,
     pub disagreement: Vec<f64>,

@@ -7,15 +7,16 @@ use crate::math::num;
 
 /// Slope of the activation (leaky ReLU) below 0.
 const LEAK: f32 = 0.1;
-/// Largest absolute values of scaled features, in standard deviations: for features of the whole panorama, and for
-/// features of a cell. Larger values are clamped.
+/// Largest absolute value of a scaled feature of a panorama, and of a scaled feature of a cell, in standard
+/// deviations. Larger values are clamped.
 pub(in super::super) const LIMITS: [f32; 2] = [3.0, 4.0];
 /// Largest absolute value of log2 of the ratio of hidden to visible light. Larger values are clamped.
 pub(in super::super) const AMOUNT: f64 = 8.0;
 
-/// Affine map for the amount of hidden light, and an ensemble of networks of one shape for its distribution.
+/// An affine map that predicts the amount of hidden light, and an ensemble of networks of the same shape that
+/// predict its distribution.
 pub(in super::super) struct Network {
-    /// Mean and standard deviation of the features: for the whole panorama, and for a cell.
+    /// Means and standard deviations of the features of a panorama, and of the features of a cell.
     scales: [(Vec<f32>, Vec<f32>); 2],
     amount: Affine,
     members: Vec<Member>,

@@ -2,7 +2,8 @@
 
 use engine::{Context, InputFile, NodeError, Notes};
 
-use super::SEEN;
+use super::clip::SEEN;
+use super::exposures::exposed;
 use crate::error::Error;
 use crate::io::picture::{FileEncoding, decode};
 use crate::io::progress::Progress;
@@ -36,7 +37,11 @@ pub(super) fn check(files: &[InputFile], evs: &[f64]) -> Result<(), NodeError> {
     if files.len() == evs.len() && !files.is_empty() {
         return Ok(());
     }
-    let text = format!("there are {} photographs, but {} exposures", files.len(), evs.len());
+    let text = format!(
+        "`evs` must list one exposure per photograph (photographs: {}, exposures: {})",
+        files.len(),
+        evs.len()
+    );
     Err(NodeError::new(text).at("method").hint("list the exposure of each file in `evs`, in the same order"))
 }
 
@@ -216,7 +221,7 @@ impl Photographs {
         notes.count(
             "white-early",
             added,
-            "pixels below `white` count as clipped, since a photograph shows more light there",
+            "of the pixels below `white` had to count as clipped, since a photograph shows more light there",
         );
         Ok(())
     }
@@ -239,7 +244,9 @@ impl Photographs {
         report_still(still, notes);
         let unseen = rows.iter().flatten().filter(|gain| gain.is_none()).count();
         if unseen > 0 {
-            let text = format!("{unseen} clipped pixels are holes in every photograph and are not changed");
+            let text = format!(
+                "clipped pixels that are holes in every photograph are not changed (count: {unseen})"
+            );
             notes.warning("photographs-have-holes", text);
         }
         Ok(rows.iter().flatten().map(|gain| gain.map_or(0.0, |(gain, _)| gain)).collect())
@@ -259,7 +266,7 @@ impl Photographs {
                 Some(shown) => shown.rgb.map(srgb_from_linear),
                 None => {
                     let white = if photograph.linear { f32::MAX } else { 1.0 };
-                    super::exposed(pixels.rgb[at], log2_gain[at], photograph.ev, white)
+                    exposed(pixels.rgb[at], log2_gain[at], photograph.ev, white)
                 }
             };
             let samples = (0..pixels.rgb.len()).flat_map(codes).collect();
@@ -308,7 +315,7 @@ pub(super) fn report_still(pixels: usize, notes: &mut Notes) {
     if pixels > 0 {
         notes.warning(
             "still-clipped",
-            format!("{pixels} pixels are clipped even in the darkest exposure that shows them, so their gain is a lower bound; add a darker exposure to `evs`"),
+            format!("the gain of pixels that are clipped even in the darkest exposure that shows them is a lower bound (count: {pixels}); add a darker exposure to `evs`"),
         );
     }
 }

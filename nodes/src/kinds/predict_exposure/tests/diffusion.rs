@@ -74,7 +74,9 @@ fn the_diffusion_model_fills_clipped_pixels_only() {
     // The four files, and the files next to two of them.
     assert_eq!(sources.len(), 6);
     let (out, notes) = PredictExposure::run(&params, In { pano: room(128) }, &cx).expect("runs");
-    assert!(notes.iter().any(|note| note.id == "kontext" && note.text.contains("2 exposures at 64 x 32")));
+    assert!(notes.iter().any(|note| note.id == "kontext"
+        && note.text.contains("exposures of 64 x 32")
+        && note.text.ends_with("(count: 2)")));
     // Two exposures, two steps, each done twice.
     assert_eq!(cx.counts()["diffusion-steps"], 8);
     let gain = &out.brackets.log2_gain.samples;

@@ -5,13 +5,21 @@ use learned::exposure::{Examples, Scale};
 
 use super::super::network::{AMOUNT, CELL, LIMITS, OVERVIEW};
 use super::amount::{Amount, Sample};
+use super::plan::{Plan, Progress};
 use super::procedural;
 use super::truth::{Example, Shot, Truth};
-use super::{Plan, Progress, place};
 use crate::error::Error;
 use crate::geometry::sampling::{hash, unit};
 use crate::math::num;
 use crate::types::{Image, Linear};
+
+/// Name of the location that a panorama shows. Files whose names differ only in a number at the end, or in
+/// `_puresky`, show the same location.
+pub fn place(name: &str) -> &str {
+    let name = name.strip_suffix("_puresky").unwrap_or(name);
+    let stem = name.trim_end_matches(|c: char| c.is_ascii_digit());
+    if stem.len() < name.len() { stem.trim_end_matches('_') } else { name }
+}
 
 /// Number of photographs per panorama; the first is unmodified, at EV 0.
 const SHOTS: u32 = 8;
@@ -208,8 +216,8 @@ impl Course {
         place % folds
     }
 
-    /// Indices of the examples for one network: all examples with hidden light, except the examples whose location
-    /// belongs to `fold`.
+    /// Indices of the examples for one network: all examples with hidden light, except those whose location belongs
+    /// to `fold`. If `fold` is `None`, no location is excluded.
     pub fn chosen(&self, fold: Option<usize>, folds: usize) -> Vec<usize> {
         let learns = |i: &usize| {
             let ([.., hidden, _], open) = (self.raw.fluxes[*i], self.open[*i]);
@@ -222,8 +230,8 @@ impl Course {
         (0..self.raw.count).filter(learns).collect()
     }
 
-    /// Means and standard deviations of the features over the chosen examples: for the features of a whole
-    /// panorama, and for the features of a cell.
+    /// Means and standard deviations, over the chosen examples, of the features of a panorama and of the features
+    /// of a cell.
     pub fn scales(&self, chosen: &[usize]) -> [Scale; 2] {
         let among = |i: usize| chosen.binary_search(&i).is_ok();
         let real = |i: usize| among(i / CELLS) && self.raw.log_flux[i] > -1e8;

@@ -1,11 +1,23 @@
 //! Evaluation of networks on held-out panoramas.
 
 use super::super::network::{Network as Forward, hidden};
-use super::truth::Example;
-use super::{Score, WIDTH};
+use super::truth::{Example, WIDTH};
 use crate::error::Error;
 use crate::io::exr::{self, Channel, Depth};
 use crate::math::num;
+
+/// Errors for one held-out panorama, in stops.
+#[derive(Debug, Clone)]
+pub struct Score {
+    /// Name of the panorama.
+    pub name: String,
+    /// log2 of the mean irradiance divided by its true value: first for the photograph without a prediction, then
+    /// with the prediction.
+    pub irradiance: [f64; 2],
+    /// log2 of the contrast of the dominant light divided by its true value: first for the photograph without a
+    /// prediction, then with the prediction.
+    pub contrast: [f64; 2],
+}
 
 /// Minimum share of the hidden light of a panorama that a region must have to be used in [`residual`].
 const MATTERS: f64 = 0.05;

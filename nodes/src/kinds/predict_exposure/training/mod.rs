@@ -3,6 +3,7 @@
 mod amount;
 mod examples;
 mod judge;
+mod plan;
 mod procedural;
 mod truth;
 mod weights;
@@ -14,65 +15,16 @@ use learned::exposure;
 pub use learned::exposure::Recipe;
 
 use self::examples::Course;
+pub use self::examples::place;
 use self::judge::Judged;
+pub use self::judge::Score;
+pub use self::plan::{Plan, Progress};
 use self::truth::shrink;
+pub use self::truth::{FINE, WIDTH};
 use super::network::{CELL, Network as Forward, OVERVIEW};
 use crate::error::Error;
 use crate::light::whole_sphere::light;
 use crate::types::{Image, Linear};
-
-/// Width of the panoramas in training, and the smallest width that is accepted.
-pub const WIDTH: usize = 256;
-/// Width of the finer panoramas, which are also evaluated: four pixels per cell of the grid.
-pub const FINE: usize = 512;
-
-/// Settings of a training run.
-#[derive(Debug, Clone)]
-pub struct Plan {
-    /// Seed of all random numbers.
-    pub seed: u64,
-    /// Number of networks whose predictions are averaged.
-    pub members: usize,
-    /// Number of folds of the cross-validation; 0 for no cross-validation.
-    pub folds: usize,
-    /// Number of procedural panoramas.
-    pub procedural: u32,
-    /// Training parameters of the networks.
-    pub recipe: Recipe,
-}
-
-/// Progress of a training run.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Progress {
-    /// Number of panoramas that have been photographed, and number of all panoramas.
-    Examples(usize, usize),
-    /// A step of a network.
-    Step {
-        /// Number of the network that is trained, counted from 1.
-        network: usize,
-        /// Number of networks to train.
-        networks: usize,
-        /// Number of the step, counted from 1.
-        step: usize,
-        /// Number of steps of each network.
-        steps: usize,
-        /// Mean loss since the last report.
-        loss: f32,
-    },
-}
-
-/// Errors for one held-out panorama, in stops.
-#[derive(Debug, Clone)]
-pub struct Score {
-    /// Name of the panorama.
-    pub name: String,
-    /// log2 of the mean irradiance divided by its true value: first for the photograph without a prediction, then
-    /// with the prediction.
-    pub irradiance: [f64; 2],
-    /// log2 of the contrast of the dominant light divided by its true value: first for the photograph without a
-    /// prediction, then with the prediction.
-    pub contrast: [f64; 2],
-}
 
 /// Result of a training run.
 pub struct Trained {
@@ -107,14 +59,6 @@ pub fn read(name: &str, bytes: &[u8]) -> Result<Image<Linear>, Error> {
     }
     rgb.iter_mut().for_each(|v| *v = if v.is_finite() { v.max(0.0) } else { 0.0 });
     Ok(shrink((width, height), &rgb, if width < FINE { WIDTH } else { FINE }))
-}
-
-/// Name of the location that a panorama shows. Files whose names differ only in a number at the end, or in
-/// `_puresky`, show the same location.
-pub fn place(name: &str) -> &str {
-    let name = name.strip_suffix("_puresky").unwrap_or(name);
-    let stem = name.trim_end_matches(|c: char| c.is_ascii_digit());
-    if stem.len() < name.len() { stem.trim_end_matches('_') } else { name }
 }
 
 /// Trains the networks. Each finished network is stored in the folder `parts`, so that it need not be trained

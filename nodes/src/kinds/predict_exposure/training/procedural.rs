@@ -1,13 +1,13 @@
 //! Procedural panoramas: skies with sun, clouds or overcast, nights with a moon or lamps, rooms with windows and
-//! lamps, studios. The energy of their lights is consistent with the brightness of the surfaces that they light,
-//! since the amount of hidden light is learned from these surfaces.
+//! lamps, and studios. The energy of their lights is consistent with the brightness of the surfaces that they
+//! light, since the amount of hidden light is learned from these surfaces.
 
 use std::f64::consts::{PI, TAU};
 
 use engine::Up;
 use glam::{DVec2, DVec3};
 
-use super::WIDTH;
+use super::truth::WIDTH;
 use crate::geometry::sampling::{hash, unit};
 use crate::math::equirect::{direction, pixel_solid_angle};
 use crate::math::num;

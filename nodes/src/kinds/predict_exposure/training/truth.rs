@@ -6,10 +6,9 @@ use std::collections::BTreeMap;
 use engine::Up;
 use glam::DVec3;
 
+use super::super::clip::{CLIPPED, clip_mask, clipped_light};
 use super::super::grid::Grid;
 use super::super::network::Scene;
-use super::super::{CLIPPED, clip_mask, clipped_light};
-use super::{FINE, WIDTH};
 use crate::geometry::sampling::{hash, unit};
 use crate::light::exposure::ev0_scale;
 use crate::light::measure::{self, DOMINANT_COS};
@@ -18,6 +17,12 @@ use crate::math::color::{code8, srgb_from_linear};
 use crate::math::equirect::{axes, direction, pixel_solid_angle};
 use crate::math::num;
 use crate::types::{Environment, Image, Linear, Panorama, Srgb};
+
+/// Width of the panoramas in training, and the smallest width that is accepted.
+pub const WIDTH: usize = 256;
+
+/// Width of the finer panoramas, which are also evaluated: four pixels per cell of the grid.
+pub const FINE: usize = 512;
 
 /// An HDR panorama and the direction of its strongest light.
 pub struct Truth {

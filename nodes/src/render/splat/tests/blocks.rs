@@ -91,7 +91,8 @@ fn without_bounds_only_what_is_behind_is_left_out() {
     assert!(work.skipped > 0 && work.skipped <= 640 - ahead, "{work:?}");
 }
 
-/// An upper bound is never below the value that it bounds, for any direction and coordinates of any magnitude.
+/// The bound of a block is never below the value that it bounds, for any direction and for coordinates of any
+/// magnitude.
 #[test]
 fn a_block_bounds_its_splats() {
     let mut random = Random(11);

@@ -177,7 +177,7 @@ fn an_empty_view_is_reported_with_its_cause() {
     assert_eq!(reported(&ahead, 0.2), "");
     let text = reported(&ahead, 50.0);
     assert!(
-        text.starts_with("few-splats-seen: 0 of 300") && text.contains("than `near` (50 world"),
+        text.starts_with("few-splats-seen: only 0 of 300") && text.contains("than `near` (50 world"),
         "{text}"
     );
     // Too faint to be drawn; points without a filter.

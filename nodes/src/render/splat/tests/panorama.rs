@@ -37,7 +37,7 @@ fn origin(up: Up, width_px: u32) -> PanoramaCamera {
     PanoramaCamera { eye: DVec3::ZERO, up, width_px }
 }
 
-/// True for rows outside the caps, which are drawn directly into the layout.
+/// True for the rows that are drawn directly into the layout, because they are outside the caps.
 fn in_the_belt(y: usize, width: u32) -> bool {
     let theta = (y as f64 + 0.5) * TAU / f64::from(width);
     (PI / 6.0..=5.0 * PI / 6.0).contains(&theta)
@@ -132,8 +132,8 @@ fn exact_bounds_lose_nothing_around_the_seam() {
     }
 }
 
-/// If the world is rotated about up by a number of columns, the picture is shifted by that number, so there
-/// is no seam.
+/// If the world is rotated about the up axis by a whole number of columns, the picture is shifted by that number of
+/// columns, so there is no seam.
 #[test]
 fn turning_the_world_rolls_the_picture() {
     let (width, height) = (96_usize, 48);
@@ -181,8 +181,8 @@ fn turning_the_world_rolls_the_picture() {
     }
 }
 
-/// Pixel of a camera that looks in a direction. The picture has this pixel alone, and the same resolution as the
-/// picture of a cap.
+/// Renders the only pixel of a camera that looks along `direction`. The resolution is the resolution of the picture
+/// of a cap.
 fn single(splats: &Splats, direction: DVec3, width: u32) -> [f32; 4] {
     let right = direction.cross(direction.any_orthonormal_vector()).normalize();
     let axes = [right, direction.cross(right), direction].map(|axis| axis.extend(0.0));

@@ -177,8 +177,9 @@ struct Slice {
     /// The same quantities for anisotropic facets, over the viewer coordinate, the azimuth of the viewer, the
     /// roughness and the anisotropy.
     brushed: OnceLock<Table<4, 4>>,
-    /// Means over the hemisphere for each roughness, as linear functions of f0. The first two values are the factor
-    /// of f0 and the constant for single scattering, the last two those for multiple scattering.
+    /// Means over the hemisphere for each roughness, as linear functions of f0. Values 0 and 1 are the factor of f0
+    /// and the constant term for single scattering. Values 2 and 3 are the factor and the constant term for
+    /// multiple scattering.
     means: [OnceLock<[f32; 4]>; SIDE],
     rise: f32,
 }
@@ -237,8 +238,7 @@ fn brushed(eta: f32) -> Table<4, 4> {
     })
 }
 
-/// Number of slices from an index of refraction of 1 up to an index of 1.5. The last slice has an index of about
-/// 61.
+/// Number of slices between the indices of refraction 1 and 1.5. The last slice has an index of about 61.
 const STEPS: f32 = 20.0;
 const SLICES: usize = 45;
 

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::BsdfParams;
+use super::params::BsdfParams;
 
 /// Reflectance at normal incidence of an interface with the given index of refraction.
 pub fn f0_of_ior(ior: f32) -> f32 {

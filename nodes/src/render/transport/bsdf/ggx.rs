@@ -61,8 +61,8 @@ impl Ggx {
         (0.5 * (x + y)).max(0.0).sqrt().sqrt().min(1.0)
     }
 
-    /// Density of facets (Walter et al. 2007), computed from the tangent components so that it is accurate near the
-    /// pole.
+    /// Density of the facet normals at `half` (Walter et al. 2007), computed from the tangent components so that it
+    /// is accurate near the pole.
     fn d(&self, half: Vec3) -> f32 {
         let (x, y) = (half.x / self.x, half.y / self.y);
         let d = x * x + y * y + half.z * half.z;

@@ -8,7 +8,8 @@ use glam::Vec3;
 use super::dielectric::{fresnel, refract};
 use super::ggx::Ggx;
 use super::gloss::Gloss;
-use super::{BsdfParams, Scatter};
+use super::lobe::Scatter;
+use super::params::BsdfParams;
 
 /// Refraction of light from `incident`, below the surface, to `out`, above it. Returns the value of the BSDF
 /// without gain (Walter et al. 2007), the density of `incident`, and the cosine between `out` and the normal of the

@@ -5,8 +5,9 @@ use glam::Vec3;
 use super::albedo::{self, Facets};
 use super::dielectric;
 use super::ggx::{Ggx, schlick};
+use super::lobe::Scatter;
+use super::params::BsdfParams;
 use super::thin_film;
-use super::{BsdfParams, Scatter};
 
 /// Dielectric interface of a surface. The default has a strength of 0 and reflects nothing.
 #[derive(Debug, Clone, Copy, Default)]
@@ -60,7 +61,7 @@ pub struct Gloss {
     dielectric: [Vec3; 2],
     /// Reflectance of the metal at normal and grazing incidence, times the share of the surface that is metal.
     metal: [Vec3; 2],
-    /// Factor that compensates the energy that single scattering loses.
+    /// Factor that compensates for the energy that single scattering loses.
     gain: Vec3,
     /// Directional albedo towards the viewer.
     pub albedo: Vec3,

@@ -4,12 +4,15 @@ use std::f32::consts::FRAC_1_PI;
 
 use glam::Vec3;
 
+use super::frame::{Frame, cosine};
 use super::glass::Glass;
 use super::gloss::{Gloss, Interface};
-use super::{BsdfParams, Frame, Lobe, Scatter, albedo, cosine, glass, sheen};
+use super::lobe::{Lobe, Scatter};
+use super::params::BsdfParams;
+use super::{albedo, glass, sheen};
 use crate::math::color::luminance;
 
-/// Index of the matte lobe. The lobes are numbered in the order in which a random number chooses among them.
+/// Index of the matte lobe. A random number chooses among the lobes in the order of their indices.
 const MATTE: usize = 0;
 const THROUGH: usize = 1;
 const SHEEN: usize = 2;
@@ -285,7 +288,7 @@ mod tests {
     use crate::geometry::sampling::{Points, unit};
 
     /// Values, densities and sampled directions are the same, bit for bit, whether or not absent layers are
-    /// evaluated. This test fails if an absent coat has a share of 1e-3.
+    /// evaluated. This test fails if the share of an absent coat is 1e-3.
     #[test]
     fn layers_of_no_strength_change_no_bit_where_they_are_evaluated() {
         let upright = Frame::around(Vec3::Z);

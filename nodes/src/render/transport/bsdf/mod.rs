@@ -3,17 +3,20 @@
 //! The receiver is matte. Objects have glTF materials: from top to bottom, a clearcoat, a sheen, and a base that is
 //! a mix of metal and dielectric, where the dielectric is a gloss over a matte, translucent or transparent layer.
 //! Each layer transmits the light that its directional albedo does not reflect, so that energy is conserved and
-//! white surfaces lose none.
+//! white surfaces absorb no light.
 //!
 //! The lobes form two classes. Each class is sampled separately and has its own weights against light samples,
 //! because the receiver may be visible to rays of one class and transparent to rays of the other.
 
 mod albedo;
 mod dielectric;
+mod frame;
 mod ggx;
 mod glass;
 mod gloss;
 mod layers;
+mod lobe;
+mod params;
 mod sheen;
 #[cfg(test)]
 mod tests;
@@ -23,136 +26,12 @@ use std::f32::consts::FRAC_1_PI;
 
 use glam::Vec3;
 
-use crate::geometry::sampling::{Points, circle};
+use crate::geometry::sampling::Points;
+pub use frame::Frame;
+use frame::cosine;
 pub use layers::{Layers, straight};
-
-/// A class of lobes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Lobe {
-    /// Matte reflection and diffuse transmission, in which light leaves in any direction, and sheen.
-    Diffuse,
-    /// Reflection and transmission at an interface.
-    Specular,
-}
-
-/// Value of one class of lobes for a pair of directions.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Scatter {
-    /// BSDF value times the cosine of the incident direction.
-    pub value: Vec3,
-    /// Density with which this class samples the incident direction, including the probability of choosing the
-    /// lobe.
-    pub pdf: f32,
-}
-
-/// Parameters of the BSDF of a surface point, after texture lookup. For details, see the types of the same names in
-/// [`types`](crate::types).
-#[derive(Debug, Clone, Copy)]
-pub struct BsdfParams {
-    /// Linear base colour.
-    pub base: Vec3,
-    /// Metalness from 0 (dielectric) to 1 (metal).
-    pub metallic: f32,
-    /// Perceptual roughness.
-    pub roughness: f32,
-    /// Index of refraction; 1 means no interface.
-    pub ior: f32,
-    /// Scale of the dielectric's reflectance, and its tint at normal incidence.
-    pub specular: (f32, Vec3),
-    /// Share of the light below the dielectric interface that is transmitted.
-    pub transmission: f32,
-    /// True if transmission is refracted; otherwise the surface is a thin wall.
-    pub thick: bool,
-    /// True if a thick body is seen from inside, or from the side with the higher index of refraction.
-    pub inside: bool,
-    /// True if transmission is left out. This is the case for rays that pass straight through transmissive
-    /// surfaces.
-    pub blocked: bool,
-    /// Diffuse transmission: the share of the matte light that leaves on the other side of the surface, and its
-    /// colour.
-    pub through: (f32, Vec3),
-    /// Strength of anisotropy; its direction is the tangent of the frame.
-    pub anisotropy: f32,
-    /// Share, index and thickness in nanometres of a thin film.
-    pub film: (f32, f32, f32),
-    /// Colour and roughness of the sheen.
-    pub sheen: (Vec3, f32),
-    /// Share and roughness of the clearcoat.
-    pub coat: (f32, f32),
-    /// True if lobes whose weight is 0 are evaluated like all others.
-    pub every_lobe: bool,
-}
-
-impl Default for BsdfParams {
-    /// A white, matte surface with an index of 1.5.
-    fn default() -> Self {
-        Self {
-            base: Vec3::ONE,
-            metallic: 0.0,
-            roughness: 1.0,
-            ior: 1.5,
-            specular: (1.0, Vec3::ONE),
-            transmission: 0.0,
-            thick: false,
-            inside: false,
-            blocked: false,
-            through: (0.0, Vec3::ONE),
-            anisotropy: 0.0,
-            film: (0.0, 1.3, 0.0),
-            sheen: (Vec3::ZERO, 0.0),
-            coat: (0.0, 0.0),
-            every_lobe: false,
-        }
-    }
-}
-
-/// Orthonormal frame, as the columns of a matrix.
-#[derive(Debug, Clone, Copy)]
-pub struct Frame([Vec3; 3]);
-
-impl Frame {
-    /// A frame around a unit vector (Duff et al. 2017).
-    pub fn around(n: Vec3) -> Self {
-        let sign = 1.0_f32.copysign(n.z);
-        let a = -1.0 / (sign + n.z);
-        let b = n.x * n.y * a;
-        Self([
-            Vec3::new(1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x),
-            Vec3::new(b, sign + n.y * n.y * a, -n.y),
-            n,
-        ])
-    }
-
-    /// A frame around a unit vector, with the first axis as close as possible to `tangent`.
-    pub fn along(n: Vec3, tangent: Vec3) -> Self {
-        match (tangent - n * n.dot(tangent)).try_normalize() {
-            Some(t) => Self([t, n.cross(t), n]),
-            None => Self::around(n),
-        }
-    }
-
-    /// The third axis.
-    pub fn normal(&self) -> Vec3 {
-        self.0[2]
-    }
-
-    /// Transforms a direction of the scene to this frame.
-    fn to(&self, d: Vec3) -> Vec3 {
-        Vec3::new(d.dot(self.0[0]), d.dot(self.0[1]), d.dot(self.0[2]))
-    }
-
-    /// Transforms a direction from this frame to the scene.
-    pub(super) fn from(&self, d: Vec3) -> Vec3 {
-        self.0[0] * d.x + self.0[1] * d.y + self.0[2] * d.z
-    }
-
-    /// Transforms the direction to a viewer into this frame. If the result is below the horizon, it is moved above
-    /// it.
-    fn viewer(&self, out: Vec3) -> Vec3 {
-        let local = self.to(out);
-        Vec3::new(local.x, local.y, local.z.max(1e-4)).normalize()
-    }
-}
+pub use lobe::{Lobe, Scatter};
+pub use params::BsdfParams;
 
 /// Normal for which the mirror direction of the viewer is above the surface. It lies between `bent` and the surface
 /// normal, as close as possible to `bent`. Light mirrored from below the surface would be lost.
@@ -171,16 +50,12 @@ pub fn mirroring(bent: Vec3, surface: Vec3, out: Vec3) -> Vec3 {
     between(high)
 }
 
-/// A cosine-distributed direction in local coordinates.
-fn cosine([u, v]: [f32; 2]) -> Vec3 {
-    let (sin, cos) = circle(u);
-    let r = v.sqrt();
-    Vec3::new(r * cos, r * sin, (1.0 - v).max(0.0).sqrt())
-}
-
 /// The BSDF of a surface point, seen from a given direction.
 #[derive(Debug, Clone, Copy)]
-#[expect(clippy::large_enum_variant, reason = "it lives on the stack for one vertex of a path")]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "a value stays on the stack while one vertex of a path is shaded"
+)]
 pub enum Bsdf {
     /// Lambertian reflection, used for the receiver.
     Matte {

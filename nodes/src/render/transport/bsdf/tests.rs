@@ -269,7 +269,7 @@ fn extremes_are_finite() {
 }
 
 /// Chi-square test of the sampler of each class against its density: for each lobe with a material that it
-/// dominates, and for the receiver. This test fails if `v.sqrt()` in `cosine` is replaced by `v`.
+/// dominates, and for the receiver. This test fails if `v.sqrt()` in `cosine` is replaced with `v`.
 #[test]
 fn samplers_follow_their_densities() {
     let black = BsdfParams { base: Vec3::ZERO, ior: 1.0, ..BsdfParams::default() };

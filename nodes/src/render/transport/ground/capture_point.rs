@@ -21,8 +21,8 @@ pub(crate) const NEAREST: f64 = 0.02;
 /// Maximum vertical distance to a surface, in metres, at which a point counts as lying on it.
 const ON: f64 = 0.005;
 
-/// Camera whose position is used for an unknown point of capture: the first that sees mostly front faces of the
-/// receiver, or else the first camera. A camera above a room without a roof sees back faces.
+/// Camera whose position is used if the point of capture is unknown: the first camera that sees mostly front faces
+/// of the receiver, or else the first camera. A camera above a room without a roof sees back faces.
 pub(crate) fn stand_in<'a>(receiver: &Receiver, cameras: &'a [Camera], origin: DVec3) -> &'a Camera {
     let inside =
         |camera: &&Camera| Probe::send(receiver, in_scene_frame(camera.eye(), origin)).front_share() > 0.5;
@@ -58,7 +58,7 @@ fn sees_backs(probe: &Probe) -> bool {
 }
 
 impl CapturePoint {
-    /// Makes a point of capture, and traces its probe rays.
+    /// Creates a point of capture at `at`, and traces probe rays from this point.
     pub(crate) fn at(receiver: &Receiver, at: Vec3) -> Self {
         Self { at, probe: Probe::send(receiver, at) }
     }

@@ -2,11 +2,12 @@
 //!
 //! Captured meshes miss the true ground by some millimetres. Where the mesh is too low, the camera looks into a gap
 //! under the object, which appears as a black line; where it is too high, it hides the foot of the object. The
-//! picture shows the true place, so a camera hit within the error of the mesh at the height of an object's base is
-//! moved along its ray to the base. At the moved point, the change of light is estimated and the depth is compared
-//! with the depth of objects. The receiver itself is shaded at the original hit, so the picture without objects
-//! does not depend on objects. If the mesh covers a foot, rays from the foot to the receiver start just above the
-//! mesh, at the height of the original hits; from below they would see the outside of a closed room.
+//! picture shows the true place. A camera hit whose height differs from that of an object's base by no more than
+//! the error of the mesh is therefore moved along its ray to the base. At the moved point, the change of light is
+//! estimated and the depth is compared with the depth of objects. The receiver itself is shaded at the original
+//! hit, so the picture without objects does not depend on objects. If the mesh covers a foot, rays from the foot to
+//! the receiver start just above the mesh, at the height of the original hits; from below they would see the
+//! outside of a closed room.
 //!
 //! The same applies to a flat side with which an object rests on a wall, a ceiling or a roof: see `side`.
 

@@ -15,7 +15,8 @@ const REPORTED: std::ops::Range<f64> = 0.05..0.95;
 /// The part of an object that is embedded in the receiver.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Embedded {
-    /// Share of the object's side facing the first camera that the receiver hides from this camera.
+    /// Share that the receiver hides from the first camera, among the parts of the object's surface that face this
+    /// camera.
     pub(crate) share: f64,
     /// Maximum depth of the object's surface inside the receiver, measured along the normals of the object, in
     /// world units.

@@ -97,10 +97,10 @@ impl Probe {
     }
 
     /// Chooses the rule by which the receiver blocks light if the user sets none. `solid_light` computes the share
-    /// of the light that a solid receiver lets in. If more than 5 % of the rays miss the receiver, and a solid
-    /// receiver lets in at least a quarter of the light, the scene is open. Otherwise, if 90 % of the hits are on
-    /// one side, the orientation of the mesh can be trusted, unless three quarters of the light would be blocked.
-    /// These thresholds are rules of thumb, so the shares are reported.
+    /// of the light that a solid receiver lets in. The receiver is solid if more than 5 % of the rays miss it and
+    /// it then lets in at least a quarter of the light. Otherwise, its front faces let light pass, as in a closed
+    /// room, if at least 90 % of the hits are on one side and at least a quarter of the rays are lit under this
+    /// rule. Otherwise, it blocks no light. These thresholds are rules of thumb, so the shares are reported.
     pub fn decide(&self, solid_light: impl FnOnce() -> f64) -> Block {
         if self.is_open() && solid_light() >= LEAST_LIGHT {
             Block::Solid

@@ -18,7 +18,8 @@ const AGAINST: f64 = 0.5;
 /// Minimum share of the extent of the oriented bounding box that a flat side must span along both of its axes. A
 /// drum that lies along a wall spans a share of 0.28.
 const FLAT: f64 = 1.0 / 3.0;
-/// Maximum cosine between the direction of a flat side and straight down; above it the side is the foot.
+/// Maximum cosine between the direction of a flat side and straight down. If the cosine is larger, the side is the
+/// foot.
 const LEVEL: f64 = 0.98;
 /// Maximum slope of the mesh relative to a flat side that rests on it.
 const SLANT: f64 = 0.1;
@@ -37,11 +38,11 @@ pub(crate) enum Unsupported {
 pub(crate) struct Side {
     /// Unit vector from the receiver to the object.
     pub(crate) out: DVec3,
-    /// Two axes along the side.
+    /// Unit vectors along the side, at a right angle to each other.
     pub(crate) axes: [DVec3; 2],
     /// Height of the side along `out`.
     pub(crate) height: f64,
-    /// Centre of the side, except for its coordinate along `out`.
+    /// Centre of the side. Its coordinate along `out` is not used; `height` is used instead.
     middle: DVec3,
     /// Half the size of the sampled region along each axis. The region is 1.5 times as long and wide as the side.
     pub(crate) half: [f64; 2],
@@ -60,7 +61,7 @@ impl Side {
         Some(Self { out: up, axes, height: base, middle, half, low, high })
     }
 
-    /// Flat sides of the oriented bounding box, except one that faces straight down.
+    /// Flat sides of the oriented bounding box of an object, except a side that faces straight down.
     pub(crate) fn flat(placed: &Placed, up: DVec3) -> Vec<Self> {
         let points: Vec<DVec3> = corners(placed).collect();
         let linear = DMat3::from_mat4(placed.world_from_object);

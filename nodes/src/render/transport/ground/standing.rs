@@ -25,15 +25,15 @@ pub(crate) struct Standing {
     pub(crate) sides: Vec<Vec<Level>>,
     /// True for each object that stands on another object.
     pub(crate) carried: Vec<bool>,
-    /// Height of each object above its base, in world units.
+    /// Extent of each object along the up direction, in world units.
     pub(crate) tall: Vec<f64>,
-    /// Reason why there is no ground below each object. `None` if there is ground.
+    /// For each object, the reason why there is no ground below it; `None` if there is ground.
     pub(crate) unsupported: Vec<Option<Unsupported>>,
     /// Part of each object that is embedded in a surface that it does not stand on.
     pub(crate) embedded: Vec<Option<Embedded>>,
 }
 
-/// Finds the supports of the objects and stores them in `objects`. `eye` is the position of a camera in the place.
+/// Finds the supports of the objects and stores them in `objects`. `eye` is the position of a camera in the scene.
 /// `contact_metres` is the error of the mesh, if known.
 pub(crate) fn find_ground(
     objects: &mut Objects,
@@ -73,7 +73,8 @@ pub(crate) fn find_ground(
     Standing { ground: measured, sides, carried, tall, unsupported, embedded }
 }
 
-/// True for each object whose foot stands at least partly on another object, to within the error of a mesh.
+/// True for each object whose foot stands at least partly on another object. Gaps up to the error of a mesh are
+/// allowed.
 fn carried(
     objects: &Objects,
     placed: &[impl AsRef<Placed>],

@@ -60,7 +60,8 @@ impl<'a> Integrator<'a> {
         }
     }
 
-    /// Estimates the change as blocked light and added light, each by separate samples.
+    /// Estimates the change. The light that the objects block and the light that they add are estimated by separate
+    /// samples.
     fn separate_estimate(&mut self, mut hit: Hit, sampling: &ChangeSampling<'_>) -> Vec3 {
         let (sky, rules) = (self.scene.sky, self.scene.rules);
         let (mut light, mut throughput) = (Vec3::ZERO, Vec3::ONE);

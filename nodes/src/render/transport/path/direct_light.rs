@@ -169,7 +169,7 @@ impl<'a> Integrator<'a> {
         arrived * objects.emission_towards(&emitter.hit, -direction) * (coverage / pdf)
     }
 
-    /// MIS weight of the emission at a hit of a scattered ray with density `pdf`.
+    /// MIS weight, against emitter samples, of the emission at a hit of a scattered ray with density `pdf`.
     pub(crate) fn mis_weight(&mut self, hit: &Hit, ray: Ray, pdf: f32) -> f32 {
         let emitter_pdf = self.scene.objects.emitters.pdf(hit);
         let before = hit.t - self.scene.objects.slack(hit, ray.direction);
@@ -249,7 +249,7 @@ impl<'a> Integrator<'a> {
         left
     }
 
-    /// Light of a light sample that a surface reflects. `near` contains the near light, if it is used, and the
+    /// Light that a surface reflects from a light sample. `near` contains the near light, if it is used, and the
     /// random numbers of the sample.
     fn light_sample(
         &mut self,

@@ -16,10 +16,10 @@ use crate::render::transport::scene::surface::Surface;
 use crate::render::transport::sky::cone::Towards;
 use crate::render::transport::sky::environment::{Distributions, DrawnDirection, EnvironmentLight};
 
-/// Growth of the footprint per unit of length for rays from matte surfaces. There are many of these rays, so
-/// their result is blurred anyway.
+/// Growth of the footprint per unit of length for rays from matte surfaces. The mean over these rays is blurred
+/// anyway, since there are many of them.
 pub(crate) const BLUR: f32 = 0.05;
-/// Number of the vertex of a path from which Russian roulette applies. Vertices are numbered from 1.
+/// Number of the first vertex of a path at which Russian roulette applies. Vertices are numbered from 1.
 const ROULETTE_FROM: u32 = 3;
 
 /// Scene that all rays share.
@@ -45,7 +45,7 @@ pub struct Pass<'a> {
     pub points: Points,
     /// True if the objects are present.
     pub objects: bool,
-    /// True if the objects emit light.
+    /// True if the light that the objects emit is included.
     pub lamps: bool,
     /// Light distributions of the first vertex. `None` uses the distributions for its normal.
     pub distributions: Option<Distributions<'a>>,
@@ -114,7 +114,7 @@ impl<'a> Integrator<'a> {
         Self { scene, key, pass: Pass { objects, ..pass }, tally: Tally::default() }
     }
 
-    /// Runs `trace` with other settings and returns its result. The tally includes the rays that it casts.
+    /// Runs `trace` with other settings and returns its result. The tally includes the rays that `trace` casts.
     pub(crate) fn with<T>(&mut self, pass: Pass<'a>, trace: impl FnOnce(&mut Self) -> T) -> T {
         let mut sub = Self { scene: self.scene, key: self.key, pass, tally: self.tally };
         let result = trace(&mut sub);

@@ -24,7 +24,7 @@ use crate::render::transport::sky::environment::EnvironmentLight;
 const POINTS: usize = 1024;
 /// Number of lights in a block. Each choice weighs the lights of one block, and every block covers all directions.
 const BLOCK: usize = 32;
-/// One in this many virtual lights is sampled with a uniformly distributed direction, since surfaces that are dark
+/// One virtual light in this many is sampled with a uniformly distributed direction, since surfaces that are dark
 /// but near contribute too.
 const SPREAD: u32 = 4;
 
@@ -113,8 +113,8 @@ impl LightPoints {
     }
 
     /// Share of its incident light that a point reflects, at most 1 per channel. It is computed from the radiance
-    /// that the panorama shows, and is the albedo of the point if the panorama is right. Occlusion by the receiver
-    /// is ignored.
+    /// that the panorama shows, and is the albedo of the point if the panorama is accurate. Occlusion by the
+    /// receiver is ignored.
     pub fn albedo(&self, place: Vec3, normal: Vec3, radiance: Vec3) -> Vec3 {
         let irradiance: Vec3 = self.0.iter().map(|point| point.seen_from(place, normal).1).sum();
         let albedo = radiance * (0.5 * TAU) / irradiance;

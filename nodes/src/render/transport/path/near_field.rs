@@ -2,10 +2,10 @@
 //!
 //! A panorama contains the light that arrives at one point. A panorama at infinity lights every point alike. But
 //! for a point one metre to the side, a lamp on a wall two metres away is in another direction and at another
-//! distance. Here every receiver surface that is visible from the point of capture is a matte emitter, with the
-//! radiance that the panorama shows in its direction. Surfaces that are not visible from the point of capture
-//! receive and scatter light, and rays that leave the scene end in the panorama at infinity. Each light is counted
-//! once, indoors and outdoors.
+//! distance. Therefore every receiver surface that is visible from the point of capture is a matte emitter, with
+//! the radiance that the panorama shows in its direction. Surfaces that are not visible from the point of capture
+//! receive and scatter light, and rays that leave the scene end in the panorama at infinity. In this way each light
+//! is counted once, indoors and outdoors.
 //!
 //! A light sample is a direction from the point of capture, and thus a point of the receiver. As seen from the lit
 //! point, its density per steradian changes: it is multiplied by the ratio of the solid angles that the surface
@@ -23,8 +23,8 @@ use crate::render::transport::sky::environment::{EnvironmentLight, LightSample};
 /// lamp lies on a wall, either surface may be in front.
 const SAME: f32 = 0.01;
 /// Maximum depth of a point behind the first surface, relative to its distance, at which it still counts as visible
-/// from the point of capture. A captured mesh can cover parts of itself. Not used for points that are as bright as
-/// lamps, because light samples would not find them.
+/// from the point of capture. A captured mesh can cover parts of itself. This tolerance is not used for points that
+/// are as bright as lamps, because light samples would not find them.
 const NEARLY: f32 = 0.05;
 
 /// Near light: the receiver emits the light of the panorama.
@@ -107,9 +107,9 @@ impl<'a> NearFieldLight<'a> {
     }
 
     /// Light along a ray that hits the receiver at `hit`, or misses the receiver if `hit` is `None`. The density of
-    /// the result is that with which [`sample`](Self::sample) chooses this light for the origin of the ray. `None`
-    /// if the hit is not visible from the point of capture. `glossy_pdf` is the density of the ray if a glossy lobe
-    /// scattered it, otherwise 0; see [`EnvironmentLight::seen`]. Traces one ray.
+    /// the result is the density with which [`sample`](Self::sample) chooses this light for the origin of the ray.
+    /// `None` if the hit is not visible from the point of capture. `glossy_pdf` is the density of the ray if a
+    /// glossy lobe scattered it, otherwise 0; see [`EnvironmentLight::seen`]. Traces one ray.
     pub fn eval(
         &self,
         ray: Ray,

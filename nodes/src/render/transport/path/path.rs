@@ -95,7 +95,7 @@ pub(crate) struct ShadingPoint {
 }
 
 impl ShadingPoint {
-    /// Makes a shading point of a surface that the path with hash key `path` hits after `bounce` scatterings.
+    /// Creates a shading point for a surface that the path with hash key `path` hits after `bounce` scatterings.
     pub fn new(surface: Surface, bounce: u32, path: u32) -> Self {
         let pair = first_pair(bounce);
         Self { surface, bounce, pair, key: hash(path, pair) }

@@ -11,7 +11,8 @@ use crate::render::transport::scene::block::Block;
 use crate::render::transport::scene::media::Media;
 
 impl Integrator<'_> {
-    /// Bodies that contain the origin of a ray, found without knowing the path that led to it.
+    /// Bodies that contain the origin of a ray. They are found without knowledge of the path that led to this
+    /// point.
     pub(crate) fn around(&mut self, ray: Ray) -> Media {
         if !self.pass.objects || !self.scene.objects.may_hold(ray.origin) {
             return Media::default();

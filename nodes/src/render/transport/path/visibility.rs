@@ -15,8 +15,8 @@ pub struct Rules {
     pub bounce_solid: bool,
     /// True if rays reflected by objects pass through the receiver and show the environment.
     pub specular_env: bool,
-    /// True if the visibility is the one printed in the paper: the receiver is invisible to the camera, and
-    /// blocks shadow rays at reflecting surfaces but not the reflected rays themselves.
+    /// True if the visibility is the one printed in the LightHarmony3D paper: the receiver is invisible to the
+    /// camera, and blocks shadow rays at reflecting surfaces but not the reflected rays themselves.
     pub printed: bool,
     /// Point of capture in the frame of the scene, if near light is used; see [`super::near_field`].
     pub near: Option<[f32; 3]>,

@@ -22,8 +22,8 @@ pub(crate) struct ReachedError {
     pub(crate) predicted: f64,
     /// Largest error of any tile after all samples.
     pub(crate) worst: f64,
-    /// Total number of blocks of pixels, number of blocks that took more than the first samples, and number of
-    /// blocks whose error is above the target.
+    /// Total number of blocks of pixels, number of blocks that took more samples than the first chunk, and number
+    /// of blocks whose error is above the target.
     pub(crate) blocks: [u64; 3],
     /// Average number of samples per pixel.
     pub(crate) samples: f64,

@@ -1,4 +1,4 @@
-//! Code that the bounds in `crop` and `near_crop` share.
+//! Items that the bounds in `crop` and `near_crop` share.
 
 /// Maximum number of BVH nodes that are opened to find the visible part of the receiver.
 pub(crate) const LOOKS: u32 = 256;

@@ -7,10 +7,11 @@
 //!
 //! `max(T + P L, P L) + Q L`
 //!
-//! where the terms of the receiver apply if scattered rays hit it and `Q` is not 0. Without emitters `L` is at most
-//! the maximum radiance of the sky, since no material amplifies light. If all surfaces are matte, `L` is also at
-//! most the radiance that follows from the maximum irradiance `E` and the largest albedo `a`, `E / pi (a + a^2 +
-//! ..)` ([`crate::render::transport::sky::irradiance_bound`]).
+//! where the first term `P L` and the term `Q L` stand for light of the receiver. They are 0 if scattered rays do
+//! not hit the receiver, or if `Q` is 0. Without emitters `L` is at most the maximum radiance of the sky, since no
+//! material amplifies light. If all surfaces are matte, `L` is also at most the radiance that follows from the
+//! maximum irradiance `E` and the largest albedo `a`, `E / pi (a + a^2 + ..)`
+//! ([`crate::render::transport::sky::irradiance_bound`]).
 //!
 //! The bound is compared with the traced light of the pixels without objects, which is the divisor of the ratio.
 //! The comparison therefore needs no estimate.

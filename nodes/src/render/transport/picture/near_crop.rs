@@ -26,7 +26,7 @@ use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::sky::cone::Cone;
 use crate::render::transport::sky::environment::EnvironmentLight;
 
-/// Cosine of a cone at and above which the cone is not subdivided further.
+/// Minimum cosine of the cones that are not subdivided further.
 const NARROW: f32 = 0.9;
 /// Maximum total solid angle of the cones that are searched for directions in which the receiver is visible, as a
 /// multiple of the whole sphere.
@@ -85,8 +85,8 @@ pub(crate) struct Apart {
     square: f64,
 }
 
-/// Bounds of the directions to the objects that hold for all points of the receiver. `None` if an object may touch
-/// the receiver.
+/// Bounds of the directions to the objects, valid for all points of the receiver. `None` if an object may touch the
+/// receiver.
 pub(crate) fn apart(scene: &Scene<'_>) -> Option<Apart> {
     let ((low, high), objects) = (scene.receiver.bvh.bounds()?, scene.objects.bvh.bounds()?);
     let margin = Vec3::splat(scene.receiver.margin_within(low, high));

@@ -20,7 +20,7 @@ use crate::render::transport::sky::light_draws::LightDraws;
 /// Index of the pair of sample dimensions that decides the coverage of blended surfaces for camera rays.
 const BLENDED: u32 = 5 << 17;
 
-/// Adds a sample to the sums unless it is not finite. Returns whether it was added.
+/// Adds a sample to the sums if it is finite; otherwise increments `broken`. Returns whether the sample was added.
 fn add(sums: &mut [f64], light: Vec3, broken: &mut u64) -> bool {
     if !light.is_finite() {
         *broken += 1;

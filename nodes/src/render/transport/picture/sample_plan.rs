@@ -14,8 +14,8 @@ use super::film::{Area, TILE, chunks};
 
 /// Side, in tiles, of the blocks of pixels that all take the same number of samples.
 const BLOCK: u32 = 4;
-/// Share of the median of `without` below which receiver pixels are ignored. The default of `shadow-ratio` is the
-/// same.
+/// Share of the median of the image `without` below which receiver pixels are ignored. The default of
+/// `shadow-ratio` is the same.
 const DARK: f64 = 1e-3;
 /// Maximum factor by which stratification is assumed to reduce the variance.
 const GAIN: f64 = 16.0;
@@ -32,7 +32,7 @@ pub(crate) struct ErrorGoal {
     asked: f64,
     /// Mean luminance of the objects over the pixels that they cover.
     scale: f64,
-    /// Minimum luminance that a pixel of `without` must have for its error to count.
+    /// Minimum luminance that a pixel of the image `without` must have for its error to count.
     dark: f64,
     /// All chunks of samples that may be taken.
     chunks: Vec<(u32, u32)>,

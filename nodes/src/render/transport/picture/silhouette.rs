@@ -95,7 +95,8 @@ impl Silhouette {
         false
     }
 
-    /// Rectangle of the pixels around some points. `None` if there are no such pixels.
+    /// Smallest rectangle of pixels that contains all of the points and the margin around them. `None` if the
+    /// rectangle is outside the image.
     fn around(&self, points: &[DVec2]) -> Option<Rectangle> {
         let start = (DVec2::INFINITY, DVec2::NEG_INFINITY);
         let (low, high) = points.iter().fold(start, |(low, high), p| (low.min(*p), high.max(*p)));

@@ -14,8 +14,9 @@ use crate::render::transport::sky::light_distribution::LightDistribution;
 /// Cosine of the angle of the widest cone of normals for which one distribution is used.
 const ALIKE: f32 = 0.99;
 
-/// Number of light samples that each sample takes to estimate the change, where objects can block all light. Where
-/// they can block only a part of the light, the number is reduced in proportion. The result is then limited.
+/// Number of light samples that each sample of a pixel takes to estimate the change, if objects can block all
+/// light. If they can block only a part of the light, the number is reduced in proportion. The result is then
+/// limited to the number of light samples that the sky prescribes.
 const SAMPLES_WHERE_ALL_IS_HIDDEN: f64 = 40.0;
 /// Minimum probability that a sample estimates the change.
 const LEAST_PROBABILITY: f32 = 0.5;

@@ -12,7 +12,7 @@ pub struct TileBounds {
     /// Lower corner of the bounding box of the ray origins. The box is inverted if the camera sees no
     /// receiver.
     pub low: Vec3,
-    /// Upper corner of the bounding box.
+    /// Upper corner of the bounding box of the ray origins.
     pub high: Vec3,
     /// Cone that contains the normals of the points.
     pub normals: Cone,

@@ -43,7 +43,7 @@ struct Extra<'a> {
     /// True if the light of the objects is left out.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     shadow_only: bool,
-    /// True if absent lobes are evaluated. Part of the key, so that such a run does not reuse stored parts.
+    /// True if absent lobes are evaluated. This is part of the key, so that such a run does not reuse stored parts.
     every_lobe: bool,
 }
 
@@ -232,6 +232,6 @@ fn expect_size(sums: &Sums, area: Area, channels: usize) -> Result<(), NodeError
     if sums.sums.len() == expected {
         Ok(())
     } else {
-        Err(NodeError::new("a stored part has the wrong size; clear the cache"))
+        Err(NodeError::new("a stored part of the picture has the wrong size; clear the cache"))
     }
 }

@@ -10,7 +10,7 @@ use crate::render::transport::sky::cone::Cone;
 
 /// Part of the sphere that contains all directions from the points of a tile to a box. It is a cone around the
 /// direction to the centre of the box. If, seen along the axis of the normals of the tile, the box lies entirely to
-/// one side of the tile, it is the intersection of this cone and a [`Wedge`].
+/// one side of the tile, the window is the intersection of this cone and a [`Wedge`].
 pub(crate) struct Window {
     /// Axis of the cone that contains the normals of the tile.
     up: DVec3,

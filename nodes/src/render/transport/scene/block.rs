@@ -31,7 +31,7 @@ pub enum Block {
         /// [`EVERYWHERE`] unless the room was measured.
         within: [[f32; 3]; 2],
     },
-    /// Surfaces farther than `radius` from the point of capture do not block.
+    /// Surfaces farther than `radius` from the point of capture do not block light.
     PassBeyond {
         /// The point of capture.
         centre: [f32; 3],

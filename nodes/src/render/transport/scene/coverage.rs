@@ -40,7 +40,7 @@ impl Objects {
     }
 
     /// Surface that is visible along a camera ray. One random number chooses among all surfaces along the ray: each
-    /// surface takes its share of the range of numbers that the surfaces before it leave. Stratified numbers
+    /// surface takes its share of the range of numbers that the surfaces in front of it leave. Stratified numbers
     /// therefore give stratified coverage. One ray is cast for each surface; `rays` counts them.
     pub fn front(&self, ray: Ray, number: u32, rays: &mut u64) -> Option<Hit> {
         let mut number = fraction(number);

@@ -15,8 +15,8 @@ use crate::types::Material;
 /// footprint. It is the share of one texel in 128 by 128 texels.
 const FAINT: f32 = 1.0 / 16384.0;
 
-/// Total number of lattice cells for the emissive triangles of all objects. It may be exceeded, since each lattice
-/// may have 32 cells per side.
+/// Desired total number of lattice cells for the emissive triangles of all objects. It may be exceeded, since each
+/// lattice may have 32 cells per side.
 const CELLS: usize = 1 << 17;
 
 impl Objects {
@@ -74,8 +74,8 @@ impl Objects {
         (each.isqrt() as u32).max(COARSE)
     }
 
-    /// Number of cells per side of the lattice that samples a triangle's emission texture: one per four
-    /// texels, at most `finest`.
+    /// Number of cells per side of the lattice that samples a triangle's emission texture: one cell per four texels
+    /// of the width of the triangle, at most `finest`.
     fn lattice(&self, triangle: u32, finest: u32) -> u32 {
         let hit = Hit { t: 0.0, triangle, b1: 0.0, b2: 0.0, back: false };
         let (_, material, point) = self.point(&hit);

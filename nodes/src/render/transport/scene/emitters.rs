@@ -83,9 +83,9 @@ pub struct EmitterSample {
 }
 
 impl EmitterSample {
-    /// Ray from `start` to just above the point, on the side of `start`. It ends above the triangle by the rounding
-    /// errors of both ends, so it never crosses the plane of the triangle. It therefore does not hit neighbouring
-    /// facets of a convex lamp, but does hit surfaces in front of the lamp.
+    /// Ray from `start` to just above the point, on the side of `start`. It ends above the triangle at a distance
+    /// that covers the rounding errors of both ends, so it never crosses the plane of the triangle. It therefore
+    /// does not hit neighbouring facets of a convex lamp, but does hit surfaces in front of the lamp.
     pub fn way(&self, start: Vec3) -> Ray {
         let off = self.margin + margin(&[start; 3]);
         let side = off.copysign((start - self.position).dot(self.normal));
@@ -208,7 +208,7 @@ mod tests {
     use crate::testing::chi_square;
 
     /// Chi-square test of sampled points against their density, over sixteenths of triangles of many sizes and
-    /// radiances, some of them black. This test fails if `root` is replaced by `unit(u)` in `Emitters::sample`, or
+    /// radiances, some of them black. This test fails if `root` is replaced with `unit(u)` in `Emitters::sample`, or
     /// if `/ area` is left out of `Emitters::new`.
     #[test]
     fn points_follow_their_density() {

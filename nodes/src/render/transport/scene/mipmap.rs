@@ -10,10 +10,10 @@ use std::sync::OnceLock;
 use crate::math::color::{code8, srgb_from_linear};
 use crate::types::Texture;
 
-/// How the texels of a texture are averaged.
+/// Kind of average over the texels of a texture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Texels {
-    /// Mean of plain numbers.
+    /// Mean of numbers that are not colours.
     Numbers,
     /// Mean of sRGB-encoded colours.
     Colours,
@@ -109,7 +109,7 @@ mod tests {
     }
 
     // Stripes of green next to transparent texels that are white: the mean is green, with half the coverage. This
-    // test fails if `cover > 0.0` is replaced by `false` (the colour becomes 225, 240, 221).
+    // test fails if `cover > 0.0` is replaced with `false` (the colour becomes 225, 240, 221).
     #[test]
     fn what_is_not_there_has_no_colour() {
         let texel = |i: u32| if i.is_multiple_of(2) { [60, 160, 40, 255] } else { [255, 255, 255, 0] };

@@ -147,8 +147,9 @@ impl Objects {
         for (number, primitive) in one.object.primitives.iter().enumerate() {
             let material = one.object.materials.get(primitive.material as usize);
             let (Some(material), true) = (material, primitive.is_consistent()) else {
-                let what =
-                    format!("primitive {number} of object {index} refers to a missing material or vertex");
+                let what = format!(
+                    "primitive {number} of object {index} refers to a material or vertex that does not exist"
+                );
                 return Err(NodeError::from(Error::Mismatch(what)).at("objects"));
             };
             let opaque = material.alpha_mode == AlphaMode::Opaque;
@@ -198,7 +199,7 @@ impl Objects {
         at as u32
     }
 
-    /// Bounding box of each placed object, over finite corners.
+    /// Bounding box of the finite corners of each placed object.
     pub(crate) fn boxes(&self) -> Vec<Aabb> {
         let mut boxes = vec![Aabb::EMPTY; self.placed.len()];
         for (part, triangles) in self.parts_with_triangles() {

@@ -14,7 +14,7 @@ use crate::types::Mesh;
 pub const GREY: f32 = 0.5;
 /// Minimum albedo of a receiver, per channel. No surface of a real scene is darker, and on a black surface the
 /// ratio S is undefined. Captured meshes have black vertices where no photograph shows the surface, and saturated
-/// colours with a channel of 0. The shadow, or one of its channels, would be lost there.
+/// colours with a channel of 0. With such an albedo, the shadow or one of its channels would be lost.
 pub const DARKEST: f32 = 0.01;
 
 /// Number of triangles that one job prepares.

@@ -20,8 +20,8 @@ pub struct Support {
     /// Error of the mesh, in world units. A hit within this distance of `height` is moved fully onto the side, and
     /// a hit up to twice as far away is moved partially. 0 for a smooth mesh.
     pub(crate) reach: f32,
-    /// Height within which hits belong to this support rather than to the support of another object, if this
-    /// support is the nearest one.
+    /// Maximum difference in height between a hit and the support for the hit to belong to this support rather than
+    /// to the support of another object. This applies only if this support is the nearest one.
     pub(crate) claims: f32,
 }
 
@@ -98,8 +98,9 @@ impl Ground {
         (level <= height + slack).then(|| receiver.start(&hit) - position)
     }
 
-    /// Height, along the direction of support, by which the nearest support lies above a point of the mesh, reduced
-    /// beyond [`Support::reach`]. Also returns this direction. `may_be` selects the permitted directions.
+    /// Height, along the direction of support, by which the nearest support lies above a point of the mesh. Beyond
+    /// [`Support::reach`], this height is reduced, and it is 0 at twice the reach. Also returns the direction of
+    /// support. `may_be` selects the permitted directions.
     fn rise(&self, position: Vec3, may_be: impl Fn(Vec3) -> bool) -> Option<(f32, Vec3)> {
         let height = |s: &Support| position.dot(s.out);
         let aside = |s: &Support| {

@@ -85,7 +85,7 @@ impl Towards {
         Self { cone, pdf }
     }
 
-    /// Density of a direction.
+    /// Density with which a direction is sampled.
     pub(crate) fn pdf(&self, direction: Vec3) -> f32 {
         let inside = self.pdf > 0.0 && direction.dot(self.cone.axis) >= self.cone.cosine;
         if inside { self.pdf } else { 0.0 }
@@ -104,7 +104,7 @@ impl Towards {
         sends.then(|| self.direction(points.pair(TOWARDS)))
     }
 
-    /// Direction for two random numbers.
+    /// Direction within the cone, chosen by two random numbers.
     fn direction(&self, [u, v]: [f32; 2]) -> Vec3 {
         let (sin, cos) = circle(u);
         // Measured from the axis, so that narrow cones keep their precision.
@@ -122,7 +122,7 @@ mod tests {
     use crate::testing::chi_square;
 
     /// Chi-square test of directions against their density, over rings and sectors of the cone, and of the share of
-    /// samples with a ray. This test fails if `below` is replaced by `v * below` in `direction`, or if `within`
+    /// samples with a ray. This test fails if `below` is replaced with `v * below` in `direction`, or if `within`
     /// does not limit `rays`.
     #[test]
     fn rays_to_the_objects_fill_their_cone_evenly() {

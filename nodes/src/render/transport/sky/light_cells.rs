@@ -35,7 +35,7 @@ pub struct LightCells {
 /// Number of f32 values per cache line.
 const LINE: usize = 16;
 
-/// First half of the choice of a texel: a cell and a texel row of the cell.
+/// First step of the choice of a texel: a cell, and a texel row of the cell.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct RowChoice {
     y: u32,
@@ -114,7 +114,7 @@ impl LightCells {
         self.distributions.of(&self.grid, normal)
     }
 
-    /// Makes the first half of a choice: a cell and a texel row of the cell. Choices are made in halves for several
+    /// Takes the first step of a choice: a cell and a texel row of the cell. The two steps are taken for several
     /// points at once, so that memory accesses overlap.
     #[inline(always)]
     pub fn row<S: Simd>(&self, simd: S, distribution: &LightDistribution, point: [f64; 2]) -> RowChoice {

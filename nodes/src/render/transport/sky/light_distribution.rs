@@ -234,7 +234,7 @@ mod tests {
     }
 
     /// Inversion finds the first entry above `u`, for lines of any length, whatever follows them in memory. This
-    /// test fails if `half - 1` in `invert` is replaced by `half - 2`.
+    /// test fails if `half - 1` in `invert` is replaced with `half - 2`.
     #[test]
     fn inversion_finds_the_first_entry_above() {
         for length in [1, 2, 7, 8, 9, 31, 32, 33, 64, 65, 100, 257] {

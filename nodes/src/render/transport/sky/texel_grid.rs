@@ -103,7 +103,7 @@ impl TexelGrid {
         }
     }
 
-    /// Column and row of the texel of a unit direction.
+    /// Column and row of the texel that contains a unit direction.
     pub fn texel(&self, direction: Vec3) -> (usize, usize) {
         let [x, y, z] = self.axes.map(|axis| f64::from(direction.dot(axis)));
         (self.column(x, y), self.row(z, (x * x + y * y).sqrt()))

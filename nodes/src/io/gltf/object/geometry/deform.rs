@@ -7,7 +7,7 @@ use super::Geometry;
 use crate::error::Error;
 
 impl Geometry<'_> {
-    /// Adds the morph targets, weighted as the file specifies.
+    /// Adds the morph targets to the vertices, with the weights that the file specifies.
     pub(super) fn morph(
         &mut self,
         node: &Node<'_>,

@@ -1,6 +1,7 @@
 //! Shapes of a glTF file: the scene's nodes, their transforms, morph weights and skins, and primitives.
 
 mod deform;
+mod matrix;
 mod shading_frame;
 mod tally;
 mod transform;
@@ -13,14 +14,15 @@ use gltf::{Accessor, Node, Semantic};
 use crate::error::Error;
 use crate::io::gltf::{File, Numbers};
 use crate::types::{Material, Primitive};
+pub(crate) use matrix::local;
+use matrix::{inverse_transpose, turned};
 use tally::Tally;
-pub(crate) use transform::local;
-use transform::{inverse_transpose, turned};
 
-/// Maximum number of vertices of an object, since a small file that repeats a mesh could fill any memory.
+/// Maximum number of vertices of an object. Without this limit, a small file that repeats a mesh could exhaust the
+/// memory.
 const VERTEX_LIMIT: usize = 1 << 26;
 
-/// Reads shapes.
+/// Reader of the shapes of a file.
 pub struct Geometry<'a> {
     name: &'a str,
     file: &'a File,
@@ -31,7 +33,7 @@ pub struct Geometry<'a> {
 }
 
 impl<'a> Geometry<'a> {
-    /// A reader of `file`.
+    /// Creates a reader of `file`.
     pub fn new(name: &'a str, file: &'a File, buffers: &'a [Vec<u8>]) -> Self {
         let world = vec![None; file.document.nodes().len()];
         Self { name, file, buffers, world, tally: Tally::default() }
@@ -60,8 +62,11 @@ impl<'a> Geometry<'a> {
         let count = document.scenes().len();
         let chosen = match scene {
             Some(index) => Some(document.scenes().nth(index as usize).ok_or_else(|| {
-                NodeError::new(format!("`{}` has {count} scenes, so index {index} does not exist", self.name))
-                    .at("scene")
+                NodeError::new(format!(
+                    "`{}` has no scene with the index {index} (number of scenes: {count})",
+                    self.name
+                ))
+                .at("scene")
             })?),
             None => document.default_scene().or_else(|| document.scenes().next()),
         };
@@ -102,7 +107,7 @@ impl<'a> Geometry<'a> {
                 (0, 0) => String::new(),
                 (0, n) => format!(", only points or lines (primitives: {n})"),
                 (n, _) => format!(
-                    " with an area: {n} triangles are too small for the precision of the coordinates, or are not finite"
+                    " with an area; triangles that are too small for the precision of the coordinates, or are not finite, were dropped (number: {n})"
                 ),
             };
             return Err(self.bad(format!("the object has no triangles{why}")).into());

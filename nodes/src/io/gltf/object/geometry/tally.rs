@@ -25,55 +25,67 @@ impl Tally {
     /// Adds notes about the counts.
     pub(super) fn tell(&self, notes: &mut Notes) {
         for (id, count, what) in [
-            ("points-and-lines", self.points_and_lines, "primitives of points or lines were left out"),
+            (
+                "points-and-lines",
+                self.points_and_lines,
+                "of the primitives contained points or lines instead of triangles, and had to be left out",
+            ),
             (
                 "vertices-not-finite",
                 self.not_finite,
-                "vertices have coordinates that are not finite; their triangles were dropped",
+                "of the vertices had coordinates that are not finite; triangles with such vertices were dropped",
             ),
             (
                 "triangles-dropped",
                 self.without_area,
-                "triangles without area, or with coordinates that are not finite, were dropped",
+                "of the triangles had to be dropped because of zero area or coordinates that are not finite",
             ),
             (
                 "indices-left-over",
                 self.left_over,
-                "indices at the end of a list do not make a whole triangle and were ignored",
+                "of the indices did not belong to a complete triangle, and had to be ignored",
             ),
             (
                 "no-coordinates",
                 self.unmapped,
-                "primitives have a texture but no texture coordinates; they show the corner of the texture",
+                "of the primitives had a texture but no texture coordinates, so the corner of the texture is shown",
             ),
             (
                 "coordinates-not-finite",
                 self.coordinates,
-                "texture coordinates are not finite and were set to 0",
+                "of the texture coordinates had a value that is not finite, which was replaced with 0",
             ),
             (
                 "normals-repaired",
                 self.normals,
-                "normals of length 0 were replaced with normals computed from the adjacent faces",
+                "of the normals had length 0, and had to be computed from the adjacent faces",
             ),
-            ("colours-clamped", self.colours, "vertex colours outside 0 to 1 were clamped"),
+            ("colours-clamped", self.colours, "of the vertex colours had to be clamped to the range 0 to 1"),
             (
                 "tangents-made",
                 self.tangents_made,
-                "primitives with normal maps or anisotropy had no tangents; they were computed",
+                "of the primitives had no tangents for a normal map or for anisotropy; the tangents were computed",
             ),
             (
                 "tangents-arbitrary",
                 self.tangents_arbitrary,
-                "vertices have degenerate texture coordinates; their tangents are arbitrary",
+                "of the vertices had degenerate texture coordinates and received an arbitrary tangent",
             ),
-            ("morph-targets", self.morphed, "morph targets were applied with the weights in the file"),
-            ("skins", self.skinned, "skinned primitives were posed by the joints in the file"),
-            ("instances", self.instances, "copies of meshes were made for EXT_mesh_gpu_instancing"),
+            (
+                "morph-targets",
+                self.morphed,
+                "of the morph targets had a weight other than 0 in the file, which was applied",
+            ),
+            (
+                "skins",
+                self.skinned,
+                "of the primitives had a skin, which received the pose of the joints in the file",
+            ),
+            ("instances", self.instances, "of the mesh copies came from EXT_mesh_gpu_instancing"),
             (
                 "mirrored",
                 self.mirrored,
-                "primitives are mirrored by their nodes; the winding of their triangles was reversed",
+                "of the primitives had a mirroring transform, so the winding of their triangles was reversed",
             ),
         ] {
             notes.count(id, count, what);

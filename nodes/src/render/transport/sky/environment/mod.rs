@@ -57,7 +57,7 @@ pub struct EnvironmentLight {
     pub(crate) level: Level,
     /// Number of light samples per tier at vertices that take several, each a power of 2.
     pub lights: [u32; TIERS],
-    /// Number of channel values that were negative or not finite and were replaced by 0.
+    /// Number of channel values that were negative or not finite and were replaced with 0.
     pub broken: u64,
     /// Integral of radiance over the sphere, per channel.
     pub power: [f64; 3],
