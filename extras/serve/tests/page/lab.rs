@@ -18,7 +18,7 @@ Graph(
     parameters: (height: 1.2),
     axes: (turn: List([0.0, 30.0])),
     nodes: (
-        demo:   DemoScene(place: Courtyard, splats: 400, width_px: 32, height_px: 18, truth_width_px: 16),
+        demo:   LoadSplats(path: "demo.ply"),
         camera: Camera(eye: (2.0, -2.5, 1.2), target: (0.0, 0.0, 0.2), width_px: 32, height_px: 18, fov_y_deg: 40.0),
         view:   SplatRender(splats: "demo.splats", rig: "camera"), // the picture
         pose:   Pose(translation: (0.0, 0.0, Param("height")), yaw_deg: 30.0),
@@ -64,9 +64,10 @@ impl Lab {
         Self::at(Arc::new(folder), None).unwrap()
     }
 
-    /// A page of the graph that is in the folder.
+    /// A page of the graph that is in the folder, which gets a scene of three splats.
     pub fn at(folder: Arc<tempfile::TempDir>, port: Option<u16>) -> Result<Self, serve::Error> {
         let path = folder.path().join("graph.ron");
+        std::fs::write(folder.path().join("demo.ply"), splats()).unwrap();
         let store = Store::open(&folder.path().join("cache"), cache::Options::default()).unwrap();
         let engine = Arc::new(Engine::new(store, 1, 1 << 30).keeping());
         let options = WatchOptions { out: folder.path().join("out"), ..WatchOptions::default() };
@@ -240,6 +241,20 @@ fn read(path: &Path, tried: &[String]) -> Load {
     let graph = graph.map(|graph| (Arc::new(graph), Vec::new()));
     let texts = std::iter::once(path.to_owned()).chain(included).collect();
     Load { graph: graph.map_err(|mistakes| Refusal::mistakes(&mistakes, true)), texts }
+}
+
+/// A scene of three splats of different colours, as PLY.
+fn splats() -> Vec<u8> {
+    let properties = "x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3";
+    let properties: String = properties.split(' ').map(|name| format!("property float {name}\n")).collect();
+    let head = format!("ply\nformat binary_little_endian 1.0\nelement vertex 3\n{properties}end_header\n");
+    let splat = |x: f32, colour: [f32; 3]| {
+        let [r, g, b] = colour;
+        [x, 0.0, 0.2, r, g, b, 4.0, -1.5, -1.5, -1.5, 1.0, 0.0, 0.0, 0.0]
+    };
+    let splats = [splat(-0.5, [1.5, 0.0, 0.0]), splat(0.0, [0.0, 1.5, 0.0]), splat(0.5, [0.0, 0.0, 1.5])];
+    let bytes = splats.into_iter().flatten().flat_map(f32::to_le_bytes);
+    head.into_bytes().into_iter().chain(bytes).collect()
 }
 
 /// A stream of events, read line by line.
