@@ -17,7 +17,7 @@ Graph(
     version: 1,
     scene: (up: "+z", metres_per_unit: 1.0, seed: 7),
     nodes: (
-        demo:   DemoScene(place: Room, splats: 5000, width_px: 160, height_px: 120),
+        demo:   DemoScene(place: Room, splats: 5000, width_px: 160, height_px: 120, truth_width_px: 32),
         pose:   Pose(translation: (-0.02, -0.06, 0.44), yaw_deg: -24.0, scale: 1.2),   // the object
         placed: Place(object: "demo.object", pose: "pose"),
         probe:  CubeRig(at: "pose", height_metres: 0.3, size_px: 64),

@@ -28,8 +28,8 @@ fn an_edit_changes_the_bytes_of_one_value_and_the_graph_follows() {
     assert_eq!((response.status, response.json()["code"].as_str()), (409, Some("nothing")));
     assert_eq!(
         std::fs::read_dir(lab.folder.path()).unwrap().count(),
-        3,
-        "graph, cache, out; no temporary file"
+        4,
+        "graph, splats, cache, out; no temporary file"
     );
 }
 
