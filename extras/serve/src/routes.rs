@@ -205,7 +205,7 @@ impl Display {
         {
             match name {
                 "exposure" => {
-                    display.exposure = value.parse().ok().filter(|stops: &f32| stops.abs() <= 64.0)?
+                    display.exposure = value.parse().ok().filter(|stops: &f32| stops.abs() <= 64.0)?;
                 }
                 "size" => display.size = Some(value.parse().ok().filter(|size| *size > 0)?),
                 _ => return None,
