@@ -118,13 +118,15 @@ function choose(id) {
 
 let waiting = null;
 let trying = null;
+// True from the first trial of a value until it is written or dropped.
+let dragging = false;
 
 function editOf(node, param) {
   const whole = (value, at) => ({ digest: written ?? view.digest, node: node.in_file, field: param.name, at, value });
   return {
     set: (value, at) => attempt(async () => {
       // A trial or a plan that is still on its way must not come after the edit.
-      trying = null;
+      [trying, dragging] = [null, false];
       clearTimeout(waiting);
       waiting = null;
       await change("/set", whole(value, at));
@@ -133,10 +135,10 @@ function editOf(node, param) {
     // At most one trial is on its way, and the last value wins.
     attempt: (value, at) => {
       const busy = trying !== null;
-      trying = whole(value, at);
+      [trying, dragging] = [whole(value, at), true];
       if (!busy) run();
     },
-    revert: () => { trying = null; graph.would([]); attempt(() => post("/try", null)); },
+    revert: () => { [trying, dragging] = [null, false]; graph.would([]); attempt(() => post("/try", null)); },
     plan: (value, at) => {
       clearTimeout(waiting);
       const own = setTimeout(async () => {
@@ -171,9 +173,8 @@ function nodePane(force = false) {
   const kind = view.kinds[node.kind];
   const now = state.nodes[node.id] ?? {};
   const signature = JSON.stringify([node.id, node.values, view.confined]);
-  // While a field is being edited it is not replaced.
-  if (!force && signature === paneShown) return facts(node, now);
-  if (!force && $("node").contains(document.activeElement) && trying) return;
+  // A slider is not replaced while it is dragged.
+  if (!force && (signature === paneShown || dragging)) return facts(node, now);
   paneShown = signature;
   const focus = document.activeElement?.closest?.("#node") ? document.activeElement.getAttribute("aria-label") : null;
   const fixed = view.confined ? "This graph belongs to an unpacked bundle, whose files are never written."

@@ -119,10 +119,15 @@ impl Live {
 
     /// Takes a graph that the watch has read.
     pub fn loaded(&self, load: &Load) {
-        let text = engine::read_text(&self.path, engine::MAX_GRAPH_BYTES);
-        if let (Ok(_), Ok(text)) = (&load.graph, &text) {
-            lock(&self.editor).history().saved(text, OTHER);
-        }
+        let text = {
+            // With the lock, since a text that was read before an edit of the page would count as a later change.
+            let mut editor = lock(&self.editor);
+            let text = editor.text();
+            if let (Ok(_), Ok(text)) = (&load.graph, &text) {
+                editor.history().saved(text, OTHER);
+            }
+            text
+        };
         // A file that cannot be read has no text; the refusal says why.
         let text = text.unwrap_or_default();
         {

@@ -69,7 +69,7 @@ fn the_graph_is_described_with_everything_an_editor_needs() {
     assert_eq!(pose["line"], 11);
     let params = view["kinds"]["Pose"]["params"].as_array().unwrap();
     let yaw = params.iter().find(|param| param["name"] == "yaw_deg").unwrap();
-    assert_eq!((&yaw["type"], &yaw["unit"]), (&"number".into(), &"deg".into()), "{yaw}");
+    assert_eq!((&yaw["type"], &yaw["unit"]), (&"number".into(), &"degrees".into()), "{yaw}");
     assert!(yaw["doc"].as_str().unwrap().len() > 10);
     assert!(view["wires"].as_array().unwrap().contains(&serde_json::json!([0, "splats", 2, "splats"])));
     assert_eq!(view["columns"].as_array().unwrap().len(), 3);
@@ -110,7 +110,7 @@ fn a_plan_names_what_an_edit_would_run() {
         let edit = serde_json::json!({"digest": digest, "node": node, "field": field, "value": value});
         lab.post("/plan", &edit.to_string()).json()["nodes"].clone()
     };
-    assert_eq!(plan("camera", "fov_y_deg", "50.0"), serde_json::json!(["view", "save"]));
+    assert_eq!(plan("camera", "fov_y_deg", "50.0"), serde_json::json!(["camera", "view", "save"]));
     assert_eq!(plan("camera", "fov_y_deg", "40.0"), serde_json::json!([]));
     assert_eq!(lab.text(), GRAPH);
 }
