@@ -92,10 +92,16 @@ function editors(param, text, edit) {
   return [...rows, textRow(param, text, [], edit)];
 }
 
+// A value that is written is no longer being typed.
+function written(input, set) {
+  input.defaultValue = input.value;
+  set();
+}
+
 function textRow(param, text, at, edit) {
   const input = el("input", {
     type: "text", value: text, "aria-label": param.name, spellcheck: "false",
-    oninput: () => edit.plan(input.value, at), onchange: () => edit.set(input.value, at),
+    oninput: () => edit.plan(input.value, at), onchange: () => written(input, () => edit.set(input.value, at)),
     onkeydown: (event) => { if (event.key === "Escape") { input.value = text; edit.revert(); event.stopPropagation(); } },
   });
   return el("div", { class: "row" }, input);
@@ -122,7 +128,7 @@ function numberRow(param, text, at, whole, edit) {
   });
   const input = el("input", {
     type: "text", class: "number", value: text, "aria-label": `${name} as text`, inputmode: "decimal", spellcheck: "false",
-    oninput: () => edit.plan(input.value, at), onchange: () => edit.set(input.value, at),
+    oninput: () => edit.plan(input.value, at), onchange: () => written(input, () => edit.set(input.value, at)),
     onkeydown: (event) => { if (event.key === "Escape") { input.value = text; edit.revert(); event.stopPropagation(); } },
   });
   return el("div", { class: "row" }, slider, input);

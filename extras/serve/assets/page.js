@@ -22,10 +22,21 @@ const picture = Picture((side, about, error) => {
 // Digest of the text that an edit of the page has written, until the page has fetched the graph of this text.
 let written = null;
 
-// The answer to a request that edits the text.
-async function change(path, data) {
+// Sends a request that edits the text, after the ones before it. An edit is made of the text that the page shows when
+// the user makes it, or of the text that the edit before it wrote.
+let edits = Promise.resolve();
+let queued = 0;
+function change(path, data) {
+  const seen = queued ? null : written ?? view.digest;
+  queued += 1;
+  const sent = edits.then(() => send(path, data, seen)).finally(() => { queued -= 1; });
+  edits = sent.catch(() => {});
+  return sent;
+}
+
+async function send(path, data, seen) {
   try {
-    written = (await post(path, { ...data, digest: written ?? view.digest })).digest;
+    written = (await post(path, { ...data, digest: seen ?? written ?? view.digest })).digest;
     notify(null);
   } catch (error) {
     if (error.body?.code === "stale") { written = null; refresh(); }
