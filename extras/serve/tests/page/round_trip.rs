@@ -36,8 +36,7 @@ impl Random {
     }
 }
 
-/// One request in twenty also goes through the server; the rest uses the editor directly, which is the same code
-/// without HTTP. See `extras/serve/src/editor.rs` for the 10,000 edits without a server.
+/// 200 edits over HTTP; `src/editor/tests.rs` makes 10,000 edits without a server.
 #[test]
 fn edits_over_http_and_their_undo_give_the_original_bytes() {
     let text = odd_graph();
