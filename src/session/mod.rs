@@ -7,9 +7,11 @@ mod engine;
 mod error;
 mod graph;
 pub mod locked;
+pub mod look;
 pub mod mesh;
 mod names;
 pub mod origin;
+pub mod sheet;
 pub mod splats;
 pub mod standing;
 

@@ -1,12 +1,11 @@
-//! The graph that `init` writes, and the list of its assumptions.
+//! The graph that `init` writes.
 
 use std::fmt::Write as _;
-use std::path::Path;
 
-use engine::Up;
 use glam::DVec3;
 
-use super::survey::{SIZE, Survey, is_known};
+use super::sky::Sky;
+use super::survey::{NEAR, SIZE, Survey, is_known, one_digit};
 use crate::session::standing::UpBy;
 
 /// Writes a text as a string of a graph file, in quotes.
@@ -29,20 +28,20 @@ fn quoted(text: &str) -> String {
 }
 
 /// Writes a number as in a graph file, with a decimal point and without digits that come only from rounding errors.
-fn number(value: f64) -> String {
+pub(super) fn number(value: f64) -> String {
     let text = format!("{value:.9}");
     let text = text.trim_end_matches('0');
     let text = if text.ends_with('.') { format!("{text}0") } else { text.to_owned() };
     if text == "-0.0" { "0.0".to_owned() } else { text }
 }
 
-fn vector(v: DVec3) -> String {
+pub(super) fn vector(v: DVec3) -> String {
     let [x, y, z] = v.to_array().map(number);
     format!("({x}, {y}, {z})")
 }
 
 /// Writes a length with few digits, for messages.
-fn length(value: f64, decimals: usize) -> String {
+pub(super) fn length(value: f64, decimals: usize) -> String {
     let text = format!("{value:.decimals$}");
     // Not -0.
     if text.trim_start_matches('-').bytes().all(|b| matches!(b, b'0' | b'.')) {
@@ -70,15 +69,8 @@ pub fn text(survey: &Survey) -> String {
     let height = size.y / s.metres_per_unit * arranged.scale;
     let extent = size.length() / s.metres_per_unit * arranged.scale;
     // The near plane, in metres. Objects smaller than 2 m need a nearer one than the default.
-    let digits = |v: f64| {
-        let mut unit = 1e-9;
-        while unit * 10.0 <= v {
-            unit *= 10.0;
-        }
-        (v / unit).floor() * unit
-    };
-    let near = digits((0.1 * size.length() * arranged.scale).min(0.2));
-    let near = if near < 0.2 { format!(", near: {}", number(near)) } else { String::new() };
+    let near = one_digit((0.1 * size.length() * arranged.scale).min(NEAR));
+    let near = if near < NEAR { format!(", near: {}", number(near)) } else { String::new() };
     let mut o = String::new();
     let mut line = |text: &str| {
         o.push_str(text);
@@ -171,7 +163,7 @@ pub fn text(survey: &Survey) -> String {
     line(
         "        // Moves the object down or up onto the mesh; for an object that hangs, wire `pose` to `placed` instead.",
     );
-    let reach = digits((0.6 * height * s.metres_per_unit).max(0.02));
+    let reach = one_digit((0.6 * height * s.metres_per_unit).max(0.02));
     line(&format!(
         "        stands: Snap(object: \"object\", pose: \"pose\", mesh: \"proxy\", reach_metres: {}),",
         number(reach)
@@ -214,12 +206,35 @@ pub fn text(survey: &Survey) -> String {
     );
     line(&format!(
         "        probe:  CubeRig(at: \"stands\", height_metres: {}, size_px: 256),",
-        number(digits((0.6 * height * s.metres_per_unit).max(1e-3)))
+        number(s.probe_metres)
     ));
     line(&format!("        faces:  SplatRender(splats: \"scene\", rig: \"probe\"{near}),"));
     line("        pano:   Stitch(views: \"faces\", width_px: 512),");
     line("        dark:   PredictExposure(pano: \"pano\", evs: [-6.0, -3.0], method: Learned),");
-    line("        env:    FuseHdr(base: \"pano\", brackets: \"dark\"),");
+    match s.sky {
+        Sky::Seen => line("        env:    FuseHdr(base: \"pano\", brackets: \"dark\"),"),
+        Sky::Missing(share) => {
+            line(&format!(
+                "        // {} of the upper half shows nothing, and the rest is too dark for the bright ground. `ground_albedo`",
+                percent(share)
+            ));
+            line(
+                "        // makes the unseen part a white sky that gives the ground this albedo: grass 0.2, stone or sand 0.3, concrete 0.4.",
+            );
+            line(&format!(
+                "        env:    FuseHdr(base: \"pano\", brackets: \"dark\", ground_albedo: {}),",
+                number(ALBEDO)
+            ));
+        }
+        Sky::Unknown(share) => {
+            line(&format!(
+                "        // {} of the upper half shows nothing, so the light is UNKNOWN and the object may be dark. A panorama gives light:",
+                percent(share)
+            ));
+            line("        // env: LoadEnvironment(path: \"sky.hdr\"), in place of the line below.");
+            line("        env:    FuseHdr(base: \"pano\", brackets: \"dark\"),");
+        }
+    }
     line("");
     match &s.photo {
         Some(photo) => line(&format!("        view:   LoadImage(path: {}),", quoted(&photo.path))),
@@ -244,123 +259,23 @@ pub fn text(survey: &Survey) -> String {
     line(&format!(
         "        front:  SplatRender(splats: \"scene\", rig: \"camera\", limit: \"trace.nearest\"{near}),"
     ));
+    line("        // The object becomes as sharp as the picture of the place around it.");
+    line("        final:  Composite(");
     line(
-        "        final:  Composite(background: \"view\", object: \"clean.object\", shadow: \"shadow\", front: \"front\"),",
+        "            background: \"view\", object: \"clean.object\", shadow: \"shadow\", front: \"front\", sharpness: Match,",
     );
+    line("        ),");
     line("        save:   WriteImage(image: \"final\", path: \"picture.png\"),");
     line("    ),");
     line(")");
     o
 }
 
-/// Describes a confidence in words.
-fn sure(confidence: f64) -> String {
-    let word = if confidence >= nodes::geometry::level::SURE {
-        "sure"
-    } else if confidence >= 0.6 {
-        "likely"
-    } else {
-        "not sure"
-    };
-    format!("{word} ({confidence:.2})")
-}
+/// Albedo of the ground where it is not known: that of stone or sand.
+pub(super) const ALBEDO: f64 = 0.3;
 
-/// Lists the assumptions, one per line, each with its confidence and the line of the graph to edit.
-pub fn assumptions(survey: &Survey, graph: &str, path: &Path) -> String {
-    let s = survey;
-    let at = |begin: &str| {
-        let number = graph.lines().position(|line| line.trim_start().starts_with(begin)).map_or(0, |n| n + 1);
-        format!("{}:{number}", path.display())
-    };
-    let digits = s.decimals().min(3);
-    let mut out = String::from("assumed:\n");
-    let mut line = |what: &str, value: String, confidence: Option<f64>, begin: &str| {
-        let confidence = confidence.map(|c| format!(", {}", sure(c))).unwrap_or_default();
-        // Writing to a string cannot fail.
-        let _ = writeln!(out, "{what:>9}  {value}{confidence}   [{}]", at(begin));
-    };
-    let by = match s.standing.by {
-        UpBy::Measured if s.standing.stand.by_cameras => "measured from the cameras",
-        UpBy::Measured => "measured from the ground and the objects on it",
-        UpBy::Format => "defined by the file format, but not confirmed by the splats",
-        UpBy::Guessed => "guessed",
-    };
-    let turned = if s.standing.matrix.is_some() { " after the rotation by `matrix`" } else { "" };
-    line("up", format!("{}{turned}, {by}", s.standing.up.name()), Some(s.standing.confidence), "scene: (");
-    let axis = match s.standing.up {
-        Up::PlusZ => ("z", 1.0),
-        Up::PlusY => ("y", 1.0),
-        Up::MinusY => ("y", -1.0),
-    };
-    let floor = length(s.standing.stand.floor * axis.1, digits);
-    let ceiling = s
-        .standing
-        .stand
-        .ceiling
-        .map(|c| format!(", ceiling at {}", length(c * axis.1, digits)))
-        .unwrap_or_default();
-    line(
-        "floor",
-        format!("{} = {floor}{ceiling}", axis.0),
-        Some(s.standing.stand.floor_confidence.min(s.standing.confidence)),
-        "pose:",
-    );
-    match s.standing.stand.scale.metres_per_unit {
-        Some(_) if is_known(&s.standing.stand) => line(
-            "scale",
-            format!("{} m per unit: {}", number(s.metres_per_unit), s.standing.stand.scale.reason),
-            Some(s.standing.stand.scale.confidence),
-            "scene: (",
-        ),
-        _ => line(
-            "scale",
-            format!("NOT KNOWN; the graph assumes {} m per unit", number(s.metres_per_unit)),
-            None,
-            "scene: (",
-        ),
-    }
-    match s.arranged.surface {
-        Some(surface) => line(
-            "place",
-            format!(
-                "{} on a level surface, {} above the floor, with {} of free space around it",
-                vector(s.translation),
-                length(surface.height.max(0.0), digits),
-                length(surface.radius, digits)
-            ),
-            None,
-            "pose:",
-        ),
-        None => {
-            line("place", format!("{}; NO LEVEL SURFACE was found", vector(s.translation)), None, "pose:");
-        }
-    }
-    let size = s.extents.size().max_element();
-    let units = length(size / s.metres_per_unit * s.arranged.scale, digits);
-    if s.arranged.fitted && is_known(&s.standing.stand) {
-        let text = format!("scaled by {} to {units} units, to fit", number(s.arranged.scale));
-        line("size", text, None, "pose:");
-    } else {
-        line("size", format!("unchanged from its file: {size:.2} m, which is {units} units"), None, "pose:");
-    }
-    match (&s.photo, s.arranged.view) {
-        (Some(photo), _) => {
-            line("camera", format!("the camera of the photograph, `{}`", photo.camera), None, "camera:");
-        }
-        (None, Some(view)) => {
-            let shows =
-                if view.score >= 0.6 { "sees the object well" } else { "does NOT see the object well" };
-            line("camera", format!("at {}, {shows}", vector(view.eye)), None, "camera:");
-        }
-        (None, None) => {
-            line("camera", "NO FREE PLACE with a view of the object was found".to_owned(), None, "camera:");
-        }
-    }
-    if s.mesh.is_none() {
-        let made = if s.arranged.surface.is_some() { "extracted from the splats" } else { "a plane" };
-        line("mesh", made.to_owned(), None, "proxy:");
-    }
-    out
+pub(super) fn percent(share: f64) -> String {
+    format!("{:.0} %", 100.0 * share)
 }
 
 #[cfg(test)]

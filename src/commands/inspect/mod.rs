@@ -1,7 +1,6 @@
 //! `inspect`: prints the properties of a scene of splats, a mesh or a picture.
 
 mod answer;
-mod look;
 mod other;
 mod person;
 mod picture;
@@ -16,6 +15,7 @@ use nodes::io::splats::Format;
 use nodes::kinds::load_mesh::MeshFrame;
 
 use crate::session::Error;
+use crate::session::look;
 use crate::session::mesh as mesh_file;
 use crate::session::splats::{self, MemoryArgs};
 use crate::terminal;
