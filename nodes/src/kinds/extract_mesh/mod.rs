@@ -68,6 +68,10 @@ engine::outputs! {
     pub struct Out {
         /// The mesh.
         mesh: Arc<Mesh>,
+        /// The mesh with the confidence of each vertex as a grey colour: 0 if fewer than two views see the vertex,
+        /// otherwise `1 / (1 + (d / c)^2)`, where `d` is the standard deviation of the positions of the surface in
+        /// the views and `c` is half the side of a cell.
+        confidence: Arc<Mesh>,
         /// Counts from the extraction, and measures of the agreement between the mesh and the splats.
         report: Arc<Report>,
     }
@@ -209,6 +213,12 @@ impl Kind for ExtractMesh {
             colours: seen.iter().map(|seen| seen.colour).collect(),
             triangles: surface.triangles.clone(),
         };
+        let confidences = seen.iter().zip(&surface.levels).map(|(seen, level)| {
+            let ratio = 2.0 * seen.deviation / levels.cell_of(*level);
+            let confidence = if seen.views < 2 { 0.0 } else { 1.0 / (1.0 + ratio * ratio) };
+            [confidence; 3]
+        });
+        let confidence = Mesh { colours: confidences.collect(), ..mesh.clone() };
         cx.count("mesh_views", view_count as u64);
         cx.count("mesh_cubes", held as u64);
         cx.count("mesh_triangles", mesh.triangles.len() as u64);
@@ -230,6 +240,7 @@ impl Kind for ExtractMesh {
             tables.push(report::views(scene, (&surface, origin), rig, (&levels, metre), cx)?);
         }
         let report = Report { title: "Mesh from splats".to_owned(), tables };
-        Ok((Out { mesh: Arc::new(mesh), report: Arc::new(report) }, notes))
+        let (mesh, confidence) = (Arc::new(mesh), Arc::new(confidence));
+        Ok((Out { mesh, confidence, report: Arc::new(report) }, notes))
     }
 }

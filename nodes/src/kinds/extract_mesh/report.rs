@@ -104,6 +104,8 @@ pub(super) fn views(
             share(fit.holes),
             share(fit.extra),
             share(fit.backs),
+            fit.silhouettes[0].map_or(Cell::Missing, share),
+            fit.silhouettes[1].map_or(Cell::Missing, share),
         ])
     };
     let rows = rig.cameras.iter().step_by(every).map(row).collect::<Result<Vec<_>, NodeError>>()?;
@@ -114,6 +116,8 @@ pub(super) fn views(
         "pixels with splats but no mesh (%)",
         "pixels with mesh but no splats (%)",
         "pixels that show the back of the mesh (%)",
+        "silhouettes of the splats that the mesh has (%)",
+        "silhouettes of the mesh that the splats have (%)",
     ];
     Ok(Table::new("views", columns, rows))
 }
