@@ -15,8 +15,10 @@ use crate::session::splats::context;
 const WIDTH: u32 = 128;
 /// Minimum unseen share of the upper half for light to count as missing, as in `fuse-hdr`.
 const LEAST_OPEN: f64 = 0.02;
-/// Share of the upper half above which the light is unknown if no ground shows its brightness.
+/// Unseen share of the upper half above which the light is unknown, if little ground shows how bright it is.
 const MOSTLY_OPEN: f64 = 0.5;
+/// Share of the ground directions below which little ground is visible.
+const LITTLE_GROUND: f64 = 0.25;
 /// Largest albedo of ground, except fresh snow, as in `fuse-hdr`.
 const MOST_ALBEDO: f64 = 0.9;
 /// Sine of 20 degrees: directions that are farther than this below the horizon count as ground, as in `fuse-hdr`.
@@ -32,8 +34,8 @@ pub enum Sky {
     /// The visible light is too weak for the brightness of the ground. The number is the share of the upper half,
     /// weighted by the cosine to the up direction, that shows nothing.
     Missing(f64),
-    /// Most of the upper half shows nothing, and too little ground is visible to estimate its light. The number is
-    /// the same share.
+    /// Most of the upper half shows nothing, and little ground is visible from which its light could be estimated.
+    /// The number is the same share.
     Unknown(f64),
 }
 
@@ -74,13 +76,16 @@ impl Sky {
             }
         }
         let share = open / all;
-        if ground_seen < LEAST_GROUND * ground_all {
-            return if share > MOSTLY_OPEN { Self::Unknown(share) } else { Self::Seen };
-        }
         // Unseen directions are as bright as the visible ones on average, like the filled holes of a panorama.
         let irradiance = light / (1.0 - share).max(f64::MIN_POSITIVE);
-        let is_missing = PI * (ground / ground_seen) > MOST_ALBEDO * irradiance;
-        if share > LEAST_OPEN && is_missing { Self::Missing(share) } else { Self::Seen }
+        let is_measured = ground_seen > 0.0 && ground_seen >= LEAST_GROUND * ground_all;
+        if share > LEAST_OPEN && is_measured && PI * ground / ground_seen > MOST_ALBEDO * irradiance {
+            Self::Missing(share)
+        } else if share > MOSTLY_OPEN && ground_seen < LITTLE_GROUND * ground_all {
+            Self::Unknown(share)
+        } else {
+            Self::Seen
+        }
     }
 }
 
