@@ -221,8 +221,8 @@ mod tests {
     /// remembered as a whole. This test fails if `whole` ignores the keys.
     #[test]
     fn findings_are_those_of_equal_inputs() {
-        let folder = tempfile::tempdir().unwrap();
-        let store = Store::open(folder.path(), cache::Options::default()).unwrap();
+        let folder = tempfile::tempdir().unwrap_or_else(|e| panic!("{e}"));
+        let store = Store::open(folder.path(), cache::Options::default()).unwrap_or_else(|e| panic!("{e}"));
         let (source, root) = (Source::new("graph.ron", "one"), SourceRoot::new(folder.path()));
         let of = |state, key: &[u8]| {
             let mut done = Done::default();
