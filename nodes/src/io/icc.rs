@@ -231,7 +231,8 @@ pub(crate) mod tests {
             assert_eq!(found.ignored, None);
             found.profile.map(|p| (p.is_linear(), p.light(codes)))
         };
-        let near = |a: [f32; 3], b: [f64; 3]| a.iter().zip(b).all(|(a, b)| (f64::from(*a) - b).abs() < 3e-4);
+        // Profiles store colorants in steps of 1.5e-5, which the matrix enlarges.
+        let near = |a: [f32; 3], b: [f64; 3]| a.iter().zip(b).all(|(a, b)| (f64::from(*a) - b).abs() < 1e-3);
         let decoded = |code: f64| f64::from(linear_from_srgb(code as f32));
         for curve in [srgb_curve(), table(&decoded, 1024), table(&decoded, 4096)] {
             assert_eq!(meaning(&profile("whatever", &srgb, curve.clone())), Meaning::default());

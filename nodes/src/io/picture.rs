@@ -20,7 +20,7 @@ use crate::types::{Data, Image, Linear, Picture, Srgb};
 engine::choices! {
     /// Meaning of the sample values in a picture file.
     pub enum FileEncoding {
-        /// What the file says: its colour profile (ICC), code points (cICP) or chromaticities. Files that say nothing
+        /// Follows the file: its colour profile (ICC), code points (cICP) or chromaticities. Files that say nothing
         /// are sRGB if they are PNG or JPEG, and linear Rec.709 if they are OpenEXR or Radiance.
         Auto,
         /// sRGB.

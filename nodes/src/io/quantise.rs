@@ -86,7 +86,7 @@ impl Shown {
 
 impl Default for Shown {
     fn default() -> Self {
-        Self::on(Space::Srgb, View::None, 0.0)
+        Self::on(Space::Srgb, View::Standard, 0.0)
     }
 }
 

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use engine::{Context, Cost, FileHead, InputFile, Keep, Kind, NodeError, Notes, SourceFile, SourceRoot};
 
+use crate::geometry::inward;
 use crate::io::foreign::json_text;
 use crate::io::gltf::object::{object, sources};
 use crate::io::gltf::{self, Want};
@@ -70,8 +71,9 @@ impl Kind for LoadObject {
     fn run(p: &Self, _inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
         let mut notes = Notes::none();
         let bytes = cx.read(&p.path).map_err(|e| e.at("path"))?;
-        let object =
+        let mut object =
             object(&p.path, &bytes, Want::Everything, p.scene, cx, &mut notes).map_err(|e| e.at("path"))?;
+        inward::turn(&mut object.primitives, &object.materials, cx, &mut notes)?;
         let triangles: usize = object.primitives.iter().map(|part| part.triangles.len()).sum();
         cx.count("triangles", triangles as u64);
         Ok((Out { object: Arc::new(object) }, notes))

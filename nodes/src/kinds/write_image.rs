@@ -41,7 +41,7 @@ engine::params! {
         /// Treatment of the alpha channel.
         alpha: AlphaOutput = AlphaOutput::Drop, other("Straight");
         /// View transform of linear light.
-        view: View = View::None, other("AgX");
+        view: View = View::Standard, other("AgX");
         /// Exposure of linear light before the view transform; 1 doubles the light.
         exposure: f64 = 0.0, range(-64, 64), unit("stops"), other("1.0");
         /// Lookup table of colours (`.cube`) for linear light, in place of `view`. Its inputs are encoded in
@@ -103,7 +103,7 @@ impl Kind for WriteImage {
                 .at("bits")
                 .hint("end the path in `.png`"));
         }
-        if p.lut.is_some() && p.view != View::None {
+        if p.lut.is_some() && p.view != View::Standard {
             return Err(NodeError::new("`view` and `lut` cannot both be given")
                 .at("lut")
                 .hint("a lookup table contains the view transform; remove `view`"));
@@ -159,7 +159,7 @@ impl Kind for WriteImage {
                 Shown::by(lut, p.lut_space, p.exposure, space)
             }
         };
-        let graded = p.view != View::None || p.lut.is_some() || p.exposure != 0.0;
+        let graded = p.view != View::Standard || p.lut.is_some() || p.exposure != 0.0;
         if graded && views.iter().any(|view| matches!(view.picture, Picture::Srgb(_))) {
             notes.warning(
                 "view-ignored",
@@ -202,7 +202,7 @@ mod tests {
             path: OutputFile(path.into()),
             bits: 8,
             alpha: AlphaOutput::Drop,
-            view: View::None,
+            view: View::Standard,
             exposure: 0.0,
             lut: None,
             lut_space: Space::Srgb,

@@ -45,7 +45,7 @@ pub fn write(
     write_for(width, height, channels, attributes, Progress::UNTRACKED)
 }
 
-/// What a file says about its colours and its origin.
+/// Statements of a file about its colours and its origin.
 #[derive(Debug, Clone, Copy)]
 pub struct Attributes<'a> {
     /// Encoding of each layer: the attribute `lightharmony:encoding`.

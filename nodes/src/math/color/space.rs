@@ -3,7 +3,7 @@
 use super::curve::Curve;
 use super::primaries::{self as rgb, Matrix, Primaries, product_vector};
 
-/// What the numbers of a space refer to.
+/// The light that the numbers of a space describe.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reference {
     /// Light in the scene, without an upper limit.

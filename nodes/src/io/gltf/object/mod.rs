@@ -1,7 +1,6 @@
 //! Objects of glTF files: shapes, materials and textures.
 
 mod geometry;
-mod inward;
 mod material;
 pub(crate) mod tangents;
 #[cfg(test)]
@@ -83,10 +82,7 @@ pub(crate) fn object(
         "of the textures had to be rounded from 16 to 8 bits per channel",
     );
     cx.progress(0.5);
-    let mut primitives = Geometry::new(name, &file, &buffers).scene(scene, &mut materials, cx, notes)?;
-    if want == Want::Everything {
-        inward::turn(&mut primitives, &materials, cx, notes)?;
-    }
+    let primitives = Geometry::new(name, &file, &buffers).scene(scene, &mut materials, cx, notes)?;
     Ok(Object {
         primitives,
         materials,
@@ -129,7 +125,9 @@ impl Decoded {
             })
             .collect();
         let (width, height) = (raster.width as u32, raster.height as u32);
-        Self { texture: Texture { width, height, rgba }, narrowed: wide, ignored: raster.ignored }
+        let profile = raster.colour.map(|_| "a colour profile other than sRGB".to_owned());
+        let ignored = raster.ignored.into_iter().chain(profile).collect();
+        Self { texture: Texture { width, height, rgba }, narrowed: wide, ignored }
     }
 }
 

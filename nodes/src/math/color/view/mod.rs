@@ -14,7 +14,7 @@ engine::choices! {
     /// View transform: how scene-referred light is shown on a display, which ends at its white.
     pub enum View {
         /// Shows light as it is. What is brighter than white is clipped.
-        None,
+        Standard,
         /// AgX, the default of Blender since 4.0. Bright colours turn pale gradually, and saturated light does not
         /// change its hue abruptly.
         AgX,
@@ -38,7 +38,7 @@ pub struct Display {
     curve: Curve,
 }
 
-/// What a view transform needs.
+/// A view transform with its tables.
 #[derive(Debug, Clone)]
 enum Look {
     Plain(View),
@@ -60,7 +60,7 @@ impl Display {
     }
 
     /// The encoded colour that shows linear light of Rec.709. In the gamut of the display, components lie between
-    /// 0 and 1 unless `view` is [`View::None`]; other colours may have components outside.
+    /// 0 and 1 unless `view` is [`View::Standard`]; other colours may have components outside.
     pub fn apply(&self, light: [f32; 3]) -> [f32; 3] {
         let light = light.map(|v| f64::from(v) * self.gain);
         let shown = match &self.look {
@@ -68,7 +68,7 @@ impl Display {
             Look::Plain(View::AgX) => agx::formed(light),
             Look::Plain(View::PbrNeutral) => neutral::compressed(light),
             Look::Plain(View::Filmic) => light.map(filmic::compressed),
-            Look::Plain(View::None | View::Aces) => light,
+            Look::Plain(View::Standard | View::Aces) => light,
         };
         let shown = self.matrix.as_ref().map_or(shown, |matrix| product_vector(matrix, shown));
         shown.map(|v| self.curve.encoded(v) as f32)

@@ -13,7 +13,7 @@ const SHOWN_GREY: f64 = 10.013;
 const FLARE: f64 = 0.04;
 /// Scene light that reaches the white of the display.
 const WHITE: f64 = 128.0;
-/// Largest scene light that is told apart: eight times the light that reaches white.
+/// Maximum scene light; brighter light is clipped. It is eight times the light that reaches white.
 pub(super) const BRIGHTEST: f64 = 8.0 * WHITE;
 
 /// The curve, with the constants that follow from those above.

@@ -170,7 +170,7 @@ impl Faces {
 }
 
 /// Reverses the faces of single-sided patches that look inwards, and reports patches that may look inwards.
-pub(super) fn turn(
+pub(crate) fn turn(
     primitives: &mut [Primitive],
     materials: &[Material],
     cx: &Context,
