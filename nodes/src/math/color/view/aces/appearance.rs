@@ -1,9 +1,19 @@
 //! The colour appearance model of Hellwig and Fairchild (2022), as ACES 2.0 uses it: complete adaptation to the
 //! white, an adapting luminance of 100 cd/m2, a background of 20 %, and a dim surround.
 
-use super::Jmh;
 use crate::math::color::primaries::{Matrix, Primaries, inverse, product, product_vector};
 use crate::math::num;
+
+/// Luminance of the display's white, in cd/m2.
+pub(super) const PEAK: f64 = 100.0;
+
+/// Lightness J, colourfulness M and hue h of a colour; h in degrees, 0 to 360.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Jmh {
+    pub j: f64,
+    pub m: f64,
+    pub h: f64,
+}
 
 /// Primaries of the cone space of CAM16 in the form that ACES 2.0 gives them.
 const CONES: Primaries = Primaries {

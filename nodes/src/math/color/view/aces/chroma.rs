@@ -1,7 +1,6 @@
 //! Compression of colourfulness within the gamut.
 
-use super::Jmh;
-use super::appearance::exponent;
+use super::appearance::{Jmh, PEAK, exponent};
 use super::gamut::Limits;
 use crate::math::num;
 
@@ -9,7 +8,7 @@ use crate::math::num;
 const EXPANSION: f64 = 1.3;
 const COMPRESSION: f64 = 2.4;
 /// Softness of the expansion next to black, which would amplify noise.
-const NOISE: f64 = 0.5 / super::PEAK;
+const NOISE: f64 = 0.5 / PEAK;
 
 /// The colourfulness of a colour whose lightness has become `toned`: scaled with the lightness so that its
 /// chromaticity stays, then increased in shadows and middle tones and decreased in highlights.
@@ -43,7 +42,7 @@ fn toe(x: f64, limit: f64, flat: f64, smooth: f64) -> f64 {
 
 /// Colourfulness at which colours of a hue count as fully saturated: a fit of the specification to the gamut.
 fn norm(hue: f64) -> f64 {
-    let scale = num::pow(0.033_79 * super::PEAK, 0.305_96) - 0.451_35;
+    let scale = num::pow(0.033_79 * PEAK, 0.305_96) - 0.451_35;
     let (sin, cos) = num::sin_cos(hue.to_radians());
     let (cos2, sin2) = (cos * cos - sin * sin, 2.0 * sin * cos);
     let (cos3, sin3) = (cos * (4.0 * cos * cos - 3.0), sin * (3.0 - 4.0 * sin * sin));

@@ -1,7 +1,6 @@
 //! Compression of colours into the gamut of a display.
 
-use super::appearance::{Appearance, exponent, lightness};
-use super::{Jmh, PEAK};
+use super::appearance::{Appearance, Jmh, PEAK, exponent, lightness};
 use crate::math::num;
 
 /// Smoothing of the cusp: share of its colourfulness within which both hulls are blended, and by how much the cusp

@@ -14,19 +14,8 @@ mod tone;
 
 use crate::math::color::primaries::{AP1, Matrix, Primaries, REC709, product_vector};
 
-use appearance::Appearance;
+use appearance::{Appearance, Jmh};
 use gamut::Gamut;
-
-/// Lightness J, colourfulness M and hue h of a colour; h in degrees, 0 to 360.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Jmh {
-    j: f64,
-    m: f64,
-    h: f64,
-}
-
-/// Luminance of the display's white, in cd/m2.
-const PEAK: f64 = 100.0;
 
 /// The transform into the gamut of one display.
 #[derive(Debug, Clone)]

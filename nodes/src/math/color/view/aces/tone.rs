@@ -1,7 +1,6 @@
 //! The tone curve of ACES 2.0.
 
-use super::PEAK;
-use super::appearance::{lightness, luminance};
+use super::appearance::{PEAK, lightness, luminance};
 use crate::math::num;
 
 /// Contrast.
