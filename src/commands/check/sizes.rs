@@ -18,7 +18,7 @@ const FOLLOWS: [(&str, &str); 7] = [
     ("path-trace", "rig"),
     ("denoise", "object"),
     ("shadow-ratio", "with"),
-    ("alpha-shadow", "object"),
+    ("alpha-shadow", "with"),
     ("composite", "background"),
     ("region-masks", "object"),
 ];

@@ -40,6 +40,11 @@ pub(super) struct Placed<'a> {
 impl Cloud {
     /// Samples points on a mesh. Returns `None` if the mesh has no area.
     pub fn of(mesh: &Mesh) -> Option<Self> {
+        Self::with(mesh, POINTS)
+    }
+
+    /// Samples about `count` points. `None` if the mesh has no area.
+    pub fn with(mesh: &Mesh, count: usize) -> Option<Self> {
         let corners = |triangle: &[u32; 3]| triangle.map(|i| mesh.position(i));
         let cross = |[a, b, c]: [DVec3; 3]| (b - a).cross(c - a);
         let mut sums = Vec::with_capacity(mesh.triangles.len());
@@ -52,10 +57,10 @@ impl Cloud {
         if !(area > 0.0 && area.is_finite()) {
             return None;
         }
-        let mut points = Vec::with_capacity(POINTS);
+        let mut points = Vec::with_capacity(count);
         let mut at = 0;
-        for i in 0..POINTS {
-            let wanted = (i as f64 + 0.5) / POINTS as f64 * area;
+        for i in 0..count {
+            let wanted = (i as f64 + 0.5) / count as f64 * area;
             while at + 1 < sums.len() && sums[at] < wanted {
                 at += 1;
             }
