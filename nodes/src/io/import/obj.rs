@@ -1,4 +1,4 @@
-//! Wavefront OBJ: shapes, normals, texture coordinates, vertex colours, and the materials of [`mtl`](super::mtl). No
+//! Wavefront OBJ: shapes, normals, texture coordinates, vertex colours, and the materials of [`mtl`]. No
 //! crate is used: the crate `tobj` reads only UTF-8, no continued lines, and reports no line numbers.
 
 use std::collections::{BTreeMap, HashMap};
