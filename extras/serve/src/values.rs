@@ -109,7 +109,7 @@ impl Shown {
     }
 }
 
-/// The least and the greatest finite sample; both 0 if there is none.
+/// Minimum and maximum of the finite samples; both 0 if no sample is finite.
 fn range(picture: &Picture) -> (f32, f32) {
     let finite = picture.samples().iter().copied().filter(|v| v.is_finite());
     let (low, high) =

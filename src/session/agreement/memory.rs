@@ -133,7 +133,7 @@ impl Memory {
         Self { name, stored, is_new: false, is_incomplete: false }
     }
 
-    /// The remembered findings of a comparison. If there are none, compares, and remembers the result unless it is
+    /// The remembered findings of a comparison. If nothing is remembered, compares, and remembers the result unless it is
     /// `None`.
     pub fn remembered(
         &mut self,

@@ -1,5 +1,7 @@
 //! Transfer curves of colour spaces: encoded values to linear light and back.
 
+use std::sync::LazyLock;
+
 use crate::math::num::{self, f64::log2, f64::log10};
 
 /// A transfer curve. Encoded values are the codes of a file divided by the largest code; linear values are light,
@@ -32,12 +34,13 @@ pub enum Curve {
 
 impl Curve {
     /// Linear light of an encoded value.
+    #[inline]
     pub fn linear(self, encoded: f64) -> f64 {
         let x = encoded;
         match self {
             Curve::Linear => x,
             Curve::Srgb => {
-                odd(x, |x| if x <= 0.040_45 { x / 12.92 } else { num::pow((x + 0.055) / 1.055, 2.4) })
+                odd(x, |x| if x <= 0.04045 { x / 12.92 } else { num::pow((x + 0.055) / 1.055, 2.4) })
             }
             Curve::Bt1886 => odd(x, |x| num::pow(x, 2.4)),
             Curve::AcesCct => {
@@ -52,7 +55,7 @@ impl Curve {
                 if x > e * cut + f { (exp10((x - d) / c) - b) / a } else { (x - f) / e }
             }
             Curve::LogC4 => {
-                let LogC4 { a, b, c, slope, start } = LogC4::new();
+                let LogC4 { a, b, c, slope, start } = *LOG_C4;
                 if x >= 0.0 { (exp2(14.0 * (x - c) / b + 6.0) - 64.0) / a } else { x * slope + start }
             }
             Curve::SLog3 => {
@@ -81,6 +84,7 @@ impl Curve {
     }
 
     /// Encoded value of linear light: the inverse of [`linear`](Self::linear).
+    #[inline]
     pub fn encoded(self, linear: f64) -> f64 {
         let x = linear;
         match self {
@@ -101,7 +105,7 @@ impl Curve {
                 if x > cut { c * log10(a * x + b) + d } else { e * x + f }
             }
             Curve::LogC4 => {
-                let LogC4 { a, b, c, slope, start } = LogC4::new();
+                let LogC4 { a, b, c, slope, start } = *LOG_C4;
                 if x >= start { (log2(a * x + 64.0) - 6.0) / 14.0 * b + c } else { (x - start) / slope }
             }
             Curve::SLog3 => {
@@ -164,15 +168,13 @@ struct LogC4 {
     slope: f64,
     start: f64,
 }
-impl LogC4 {
-    fn new() -> Self {
-        let a = (262_144.0 - 16.0) / 117.45;
-        let (b, c) = ((1023.0 - 95.0) / 1023.0, 95.0 / 1023.0);
-        let slope = 7.0 * std::f64::consts::LN_2 * exp2(7.0 - 14.0 * c / b) / (a * b);
-        let start = (exp2(14.0 * (-c / b) + 6.0) - 64.0) / a;
-        LogC4 { a, b, c, slope, start }
-    }
-}
+static LOG_C4: LazyLock<LogC4> = LazyLock::new(|| {
+    let a = (262_144.0 - 16.0) / 117.45;
+    let (b, c) = ((1023.0 - 95.0) / 1023.0, 95.0 / 1023.0);
+    let slope = 7.0 * std::f64::consts::LN_2 * exp2(7.0 - 14.0 * c / b) / (a * b);
+    let start = (exp2(14.0 * (-c / b) + 6.0) - 64.0) / a;
+    LogC4 { a, b, c, slope, start }
+});
 
 /// Ten-bit code of S-Log3 at the end of its linear segment.
 const S_LOG3_BREAK: f64 = 171.210_294_692_9;

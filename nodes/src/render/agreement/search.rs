@@ -101,10 +101,36 @@ pub(super) fn nearby(cloud: &Cloud, spots: &Spots) -> Similarity {
     best.map_or(Similarity::IDENTITY, |(_, at)| simplest_of_views(cloud, spots, at))
 }
 
+/// The `count` transforms with the highest value of `fits`, at most one per rotation, in descending order. For each
+/// rotation, all factors are tried with all shifts for them.
+fn best_starts<const N: usize>(
+    rotations: impl IntoIterator<Item = DMat3>,
+    factors: &[f64],
+    shifts: impl Fn(DMat3, f64) -> [DVec3; N],
+    fits: impl Fn(Similarity) -> f64,
+    count: usize,
+) -> Vec<Similarity> {
+    let mut found: Vec<(f64, Similarity)> = Vec::new();
+    for rotation in rotations {
+        let mut best: Option<(f64, Similarity)> = None;
+        for &scale in factors {
+            for offset in shifts(rotation, scale) {
+                let at = Similarity { rotation, scale, offset };
+                let fits = fits(at);
+                if best.is_none_or(|(known, _)| fits > known) {
+                    best = Some((fits, at));
+                }
+            }
+        }
+        found.extend(best);
+    }
+    found.sort_by(|a, b| b.0.total_cmp(&a.0));
+    found.into_iter().take(count).map(|(_, at)| at).collect()
+}
+
 /// The transforms with which the mesh fits the splats best, in descending order of agreement. The search starts
 /// from all rotations that map axes to axes, with many scale factors and two shifts each.
 pub(super) fn anywhere(cloud: &Cloud, spots: &Spots) -> Vec<Similarity> {
-    let mut tried: Vec<(f64, Similarity)> = Vec::new();
     let about = spots.radius / cloud.radius;
     let (mut factors, mut up, mut down) = (vec![1.0, about], about, about);
     for _ in 0..FACTORS / 2 {
@@ -113,24 +139,10 @@ pub(super) fn anywhere(cloud: &Cloud, spots: &Spots) -> Vec<Similarity> {
     }
     factors.extend(UNITS.into_iter().filter(|unit| *unit < up && *unit > down));
     factors.retain(|factor| factor.is_finite() && *factor > 0.0);
-    for rotation in turns() {
-        let mut best: Option<(f64, Similarity)> = None;
-        for &scale in &factors {
-            let aligned = spots.middle - rotation * cloud.middle * scale;
-            for offset in [DVec3::ZERO, aligned] {
-                let at = Similarity { rotation, scale, offset };
-                let fits = Placed { cloud, at }.agreement(spots, step(spots, COARSE), SLACK);
-                if best.is_none_or(|(known, _)| fits > known) {
-                    best = Some((fits, at));
-                }
-            }
-        }
-        tried.extend(best);
-    }
-    tried.sort_by(|a, b| b.0.total_cmp(&a.0));
-    tried.truncate(REFINED);
-    let mut refined: Vec<(f64, Similarity)> =
-        tried.into_iter().map(|(_, at)| climbed(cloud, spots, at)).collect();
+    let shifts = |rotation: DMat3, scale: f64| [DVec3::ZERO, spots.middle - rotation * cloud.middle * scale];
+    let fits = |at| Placed { cloud, at }.agreement(spots, step(spots, COARSE), SLACK);
+    let tried = best_starts(turns(), &factors, shifts, fits, REFINED);
+    let mut refined: Vec<(f64, Similarity)> = tried.into_iter().map(|at| climbed(cloud, spots, at)).collect();
     refined.sort_by(|a, b| b.0.total_cmp(&a.0));
     refined.truncate(BEST);
     refined.into_iter().map(|(_, at)| simplest_of_views(cloud, spots, at)).collect()
@@ -176,26 +188,13 @@ pub(super) fn by_surfaces(surfaces: &Surfaces<'_>, up: DVec3) -> Vec<(Both, Simi
     factors.retain(|factor| factor.is_finite() && *factor > least && *factor < most);
     let centre = |[low, high]: [DVec3; 2]| 0.5 * (low + high);
     let (from, to) = (centre(cloud.extents()), centre(spots.extents()));
-    let mut tried: Vec<(f64, Similarity)> = Vec::new();
-    for rotation in all_turns().into_iter().chain(turns_about(up)) {
-        let mut best: Option<(f64, Similarity)> = None;
-        for &scale in &factors {
-            let middles = spots.middle - rotation * cloud.middle * scale;
-            let boxes = to - rotation * from * scale;
-            for offset in [DVec3::ZERO, middles, boxes] {
-                let at = Similarity { rotation, scale, offset };
-                let fits = surfaces.agreement(at, SPARSE, SLACK).mean();
-                if best.is_none_or(|(known, _)| fits > known) {
-                    best = Some((fits, at));
-                }
-            }
-        }
-        tried.extend(best);
-    }
-    tried.sort_by(|a, b| b.0.total_cmp(&a.0));
-    tried.truncate(STARTED);
-    let mut refined: Vec<(f64, Similarity)> =
-        tried.into_iter().map(|(_, at)| climbed_on(surfaces, at)).collect();
+    let shifts = |rotation: DMat3, scale: f64| {
+        [DVec3::ZERO, spots.middle - rotation * cloud.middle * scale, to - rotation * from * scale]
+    };
+    let fits = |at| surfaces.agreement(at, SPARSE, SLACK).mean();
+    let turns = all_turns().into_iter().chain(turns_about(up));
+    let tried = best_starts(turns, &factors, shifts, fits, STARTED);
+    let mut refined: Vec<(f64, Similarity)> = tried.into_iter().map(|at| climbed_on(surfaces, at)).collect();
     refined.sort_by(|a, b| b.0.total_cmp(&a.0));
     let simple = |(_, at)| {
         let at = simplest(spots.middle, at, |at| surfaces.agreement(at, FINE, 1.0).mean());

@@ -26,7 +26,7 @@ pub struct Fit {
     /// Pixels that show the back of the mesh, as a share of all pixels.
     pub backs: f64,
     /// Share of the silhouettes of the splats at which the mesh has a silhouette, and share of the silhouettes of the
-    /// mesh at which the splats have one. `None` where there are none. See [`silhouettes`].
+    /// mesh at which the splats have one. `None` for a view without such silhouettes. See [`silhouettes`].
     pub silhouettes: [Option<f64>; 2],
 }
 
@@ -50,7 +50,7 @@ fn silhouettes(distances: &[f32], (width, height): (usize, usize)) -> Vec<bool> 
 }
 
 /// Share of the silhouettes `of` with a silhouette of `other` nearby. Only pixels for which `counts` is true are
-/// examined. `None` if there are none.
+/// examined. `None` if `of` has no silhouette there.
 fn shared(
     of: &[bool],
     other: &[bool],

@@ -37,20 +37,10 @@ const EXPONENT: f64 = 1.5;
 /// Share of the change of hue by the sigmoid that remains.
 const HUE_CHANGE: f64 = 0.4;
 
-/// Light of a display, for scene light of Rec.709.
-pub(super) fn formed(light: [f64; 3]) -> [f64; 3] {
-    let steps = Steps::new();
-    let wide = guarded(product_vector(&steps.to_wide, light), BRIGHTNESS, false);
-    let drawn_in = product_vector(&steps.inset, wide);
-    let shaped = drawn_in.map(|v| num::pow(sigmoid(v), POWER));
-    let turned = with_hue_between(drawn_in, shaped);
-    let formed = product_vector(&steps.outset, turned);
-    guarded(product_vector(&steps.from_wide, formed), steps.brightness_rec709, true)
-        .map(|v| v.clamp(0.0, 1.0))
-}
-
-/// The constant matrices of the steps.
-struct Steps {
+/// The transform, with the constants of its steps.
+#[derive(Debug, Clone)]
+pub(super) struct AgX {
+    sigmoid: Sigmoid,
     to_wide: Matrix,
     inset: Matrix,
     outset: Matrix,
@@ -58,20 +48,33 @@ struct Steps {
     brightness_rec709: [f64; 3],
 }
 
-impl Steps {
-    fn new() -> Self {
+impl AgX {
+    /// Computes the constants.
+    pub fn new() -> Self {
         let to_wide = REC709.to(&REC2020);
         let whole = |m: Matrix| m.map(|row| row.map(|v| v / (row[0] + row[1] + row[2])));
         let brightness = |column: usize| {
             (0..3).map(|row| BRIGHTNESS[row] * to_wide[row][column]).fold(0.0, |sum, v| sum + v)
         };
-        Steps {
+        Self {
+            sigmoid: Sigmoid::new(),
             to_wide,
             inset: whole(INSET),
             outset: inverse(&whole(OUTSET)),
             from_wide: REC2020.to(&REC709),
             brightness_rec709: [0, 1, 2].map(brightness),
         }
+    }
+
+    /// Light of a display, for scene light of Rec.709.
+    pub fn formed(&self, light: [f64; 3]) -> [f64; 3] {
+        let wide = guarded(product_vector(&self.to_wide, light), BRIGHTNESS, false);
+        let drawn_in = product_vector(&self.inset, wide);
+        let shaped = drawn_in.map(|v| num::pow(self.sigmoid.apply(v), POWER));
+        let turned = with_hue_between(drawn_in, shaped);
+        let formed = product_vector(&self.outset, turned);
+        guarded(product_vector(&self.from_wide, formed), self.brightness_rec709, true)
+            .map(|v| v.clamp(0.0, 1.0))
     }
 }
 
@@ -101,25 +104,42 @@ fn guarded(colour: [f64; 3], weights: [f64; 3], soft: bool) -> [f64; 3] {
     lifted.map(|v| v * ratio)
 }
 
-/// The sigmoid of the logarithm of light: 0 to 1, encoded for a display of power [`POWER`].
-fn sigmoid(light: f64) -> f64 {
-    let [low, high] = STOPS;
-    let x = if light > 0.0 { ((log2(light / GREY) - low) / (high - low)).clamp(0.0, 1.0) } else { 0.0 };
-    let pivot_x = -low / (high - low);
-    let pivot_y = num::pow(GREY, 1.0 / POWER);
-    // Each half is a scaled copy of u / (1 + u^p)^(1/p), chosen so that it ends in a corner of the unit square.
-    let half = |run: f64, rise: f64, distance: f64| {
-        let full = SLOPE * run;
-        let scale = full / num::pow(num::pow(full / rise, EXPONENT) - 1.0, 1.0 / EXPONENT);
-        let u = SLOPE * distance / scale;
-        scale * u / num::pow(1.0 + num::pow(u, EXPONENT), 1.0 / EXPONENT)
-    };
-    let y = if x < pivot_x {
-        pivot_y - half(pivot_x, pivot_y, pivot_x - x)
-    } else {
-        pivot_y + half(1.0 - pivot_x, 1.0 - pivot_y, x - pivot_x)
-    };
-    y.clamp(0.0, 1.0)
+/// The sigmoid of the logarithm of light, around middle grey.
+#[derive(Debug, Clone)]
+struct Sigmoid {
+    pivot: [f64; 2],
+    /// Scales of the halves below and above the pivot.
+    scales: [f64; 2],
+}
+
+impl Sigmoid {
+    fn new() -> Self {
+        let [low, high] = STOPS;
+        let pivot = [-low / (high - low), num::pow(GREY, 1.0 / POWER)];
+        // Each half is a scaled copy of u / (1 + u^p)^(1/p), chosen so that it ends in a corner of the unit square.
+        let scale = |run: f64, rise: f64| {
+            let full = SLOPE * run;
+            full / num::pow(num::pow(full / rise, EXPONENT) - 1.0, 1.0 / EXPONENT)
+        };
+        Self { pivot, scales: [scale(pivot[0], pivot[1]), scale(1.0 - pivot[0], 1.0 - pivot[1])] }
+    }
+
+    /// The value for light: 0 to 1, encoded for a display of power [`POWER`].
+    fn apply(&self, light: f64) -> f64 {
+        let [low, high] = STOPS;
+        let x = if light > 0.0 { ((log2(light / GREY) - low) / (high - low)).clamp(0.0, 1.0) } else { 0.0 };
+        let half = |scale: f64, distance: f64| {
+            let u = SLOPE * distance / scale;
+            scale * u / num::pow(1.0 + num::pow(u, EXPONENT), 1.0 / EXPONENT)
+        };
+        let [pivot_x, pivot_y] = self.pivot;
+        let y = if x < pivot_x {
+            pivot_y - half(self.scales[0], pivot_x - x)
+        } else {
+            pivot_y + half(self.scales[1], x - pivot_x)
+        };
+        y.clamp(0.0, 1.0)
+    }
 }
 
 /// The colour `shaped` with a hue that lies between that of `before` and its own; [`HUE_CHANGE`] is the share of

@@ -9,6 +9,7 @@ use super::curve::Curve;
 use super::primaries::{Matrix, P3_D65, REC709, product_vector};
 use super::space::Space;
 use aces::Aces;
+use agx::AgX;
 
 engine::choices! {
     /// View transform: how scene-referred light is shown on a display, which ends at its white.
@@ -41,8 +42,11 @@ pub struct Display {
 /// A view transform with its tables.
 #[derive(Debug, Clone)]
 enum Look {
-    Plain(View),
+    Standard,
+    AgX(Box<AgX>),
+    PbrNeutral,
     Aces(Box<Aces>),
+    Filmic,
 }
 
 impl Display {
@@ -54,7 +58,10 @@ impl Display {
             // Rec.2020 displays are driven within P3, as the Academy's own transforms do.
             View::Aces if display == Space::Rec2020 => Look::Aces(Box::new(Aces::new(&P3_D65))),
             View::Aces => Look::Aces(Box::new(Aces::new(display.primaries()))),
-            _ => Look::Plain(view),
+            View::Standard => Look::Standard,
+            View::AgX => Look::AgX(Box::new(AgX::new())),
+            View::PbrNeutral => Look::PbrNeutral,
+            View::Filmic => Look::Filmic,
         };
         Self { look, gain: crate::math::num::f64::exp2(exposure), matrix, curve: display.curve() }
     }
@@ -65,10 +72,10 @@ impl Display {
         let light = light.map(|v| f64::from(v) * self.gain);
         let shown = match &self.look {
             Look::Aces(aces) => aces.formed(light),
-            Look::Plain(View::AgX) => agx::formed(light),
-            Look::Plain(View::PbrNeutral) => neutral::compressed(light),
-            Look::Plain(View::Filmic) => light.map(filmic::compressed),
-            Look::Plain(View::Standard | View::Aces) => light,
+            Look::AgX(agx) => agx.formed(light),
+            Look::PbrNeutral => neutral::compressed(light),
+            Look::Filmic => light.map(filmic::compressed),
+            Look::Standard => light,
         };
         let shown = self.matrix.as_ref().map_or(shown, |matrix| product_vector(matrix, shown));
         shown.map(|v| self.curve.encoded(v) as f32)

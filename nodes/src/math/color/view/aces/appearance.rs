@@ -1,6 +1,8 @@
 //! The colour appearance model of Hellwig and Fairchild (2022), as ACES 2.0 uses it: complete adaptation to the
 //! white, an adapting luminance of 100 cd/m2, a background of 20 %, and a dim surround.
 
+use std::sync::LazyLock;
+
 use crate::math::color::primaries::{Matrix, Primaries, inverse, product, product_vector};
 use crate::math::num;
 
@@ -56,7 +58,7 @@ impl Appearance {
         let white = product_vector(&cones, [1.0; 3]);
         // After adaptation, all cones respond equally to white.
         let to_cones: Matrix = std::array::from_fn(|row| cones[row].map(|v| v * REFERENCE / white[row]));
-        let white = OPPONENT[0].iter().sum::<f64>() * response(REFERENCE);
+        let white = OPPONENT[0].iter().sum::<f64>() * CONDITIONS.white;
         let colourfulness = 43.0 * INDUCTION;
         let scale = [1.0 / white, colourfulness, colourfulness];
         let to_opponent: Matrix = std::array::from_fn(|row| OPPONENT[row].map(|v| v * scale[row]));
@@ -84,36 +86,52 @@ impl Appearance {
     }
 }
 
+/// Constants that follow from the viewing conditions.
+struct Conditions {
+    /// Exponent from relative achromatic response to lightness.
+    exponent: f64,
+    /// Factor of luminance adaptation, divided by the reference luminance.
+    adaptation: f64,
+    /// Compressed response of a cone to white.
+    white: f64,
+}
+
+static CONDITIONS: LazyLock<Conditions> = LazyLock::new(|| {
+    let k = 1.0 / (5.0 * ADAPTING + 1.0);
+    let k4 = k * k * k * k;
+    let factor =
+        0.2 * k4 * (5.0 * ADAPTING) + 0.1 * (1.0 - k4) * (1.0 - k4) * num::pow(5.0 * ADAPTING, 1.0 / 3.0);
+    let adaptation = factor / REFERENCE;
+    let exponent = IMPACT * (1.48 + (BACKGROUND / REFERENCE).sqrt());
+    Conditions { exponent, adaptation, white: compressed(REFERENCE * adaptation) }
+});
+
 /// Exponent from relative achromatic response to lightness.
 pub(super) fn exponent() -> f64 {
-    IMPACT * (1.48 + (BACKGROUND / REFERENCE).sqrt())
+    CONDITIONS.exponent
 }
 
 /// Lightness of a grey with the luminance `y`, in cd/m2.
 pub(super) fn lightness(y: f64) -> f64 {
-    let relative = response(y.abs()) / response(REFERENCE);
+    let relative = response(y.abs()) / CONDITIONS.white;
     (100.0 * num::pow(relative, exponent())).copysign(y)
 }
 
 /// Luminance, in cd/m2, of a grey with the lightness `j`; the inverse of [`lightness`].
 pub(super) fn luminance(j: f64) -> f64 {
-    let achromatic = response(REFERENCE) * num::pow(j.abs() / 100.0, 1.0 / exponent());
+    let achromatic = CONDITIONS.white * num::pow(j.abs() / 100.0, 1.0 / exponent());
     stimulus(achromatic).copysign(j)
-}
-
-/// Factor of luminance adaptation, divided by the reference luminance.
-fn adaptation() -> f64 {
-    let k = 1.0 / (5.0 * ADAPTING + 1.0);
-    let k4 = k * k * k * k;
-    let factor =
-        0.2 * k4 * (5.0 * ADAPTING) + 0.1 * (1.0 - k4) * (1.0 - k4) * num::pow(5.0 * ADAPTING, 1.0 / 3.0);
-    factor / REFERENCE
 }
 
 /// Compressed response of a cone; an odd function.
 fn response(stimulus: f64) -> f64 {
-    let power = num::pow(stimulus.abs() * adaptation(), RESPONSE_POWER);
-    (RESPONSE_SCALE * power / (RESPONSE_OFFSET + power)).copysign(stimulus)
+    compressed(stimulus.abs() * CONDITIONS.adaptation).copysign(stimulus)
+}
+
+/// Response to an adapted stimulus of 0 or more.
+fn compressed(adapted: f64) -> f64 {
+    let power = num::pow(adapted, RESPONSE_POWER);
+    RESPONSE_SCALE * power / (RESPONSE_OFFSET + power)
 }
 
 /// Stimulus of a cone with the given response: the inverse of [`response`]. Responses above the largest possible
@@ -121,7 +139,7 @@ fn response(stimulus: f64) -> f64 {
 fn stimulus(response: f64) -> f64 {
     let size = response.abs().min(RESPONSE_SCALE * (1.0 - 1e-9));
     let power = RESPONSE_OFFSET * size / (RESPONSE_SCALE - size);
-    (num::pow(power, 1.0 / RESPONSE_POWER) / adaptation()).copysign(response)
+    (num::pow(power, 1.0 / RESPONSE_POWER) / CONDITIONS.adaptation).copysign(response)
 }
 
 #[cfg(test)]

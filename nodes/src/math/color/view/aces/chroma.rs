@@ -1,5 +1,7 @@
 //! Compression of colourfulness within the gamut.
 
+use std::sync::LazyLock;
+
 use super::appearance::{Jmh, PEAK, exponent};
 use super::gamut::Limits;
 use crate::math::num;
@@ -40,13 +42,15 @@ fn toe(x: f64, limit: f64, flat: f64, smooth: f64) -> f64 {
     0.5 * (b + (b * b + 4.0 * smooth * slope * x).sqrt())
 }
 
+/// Scale of the fit below for the luminance of the display.
+static SCALE: LazyLock<f64> = LazyLock::new(|| num::pow(0.033_79 * PEAK, 0.305_96) - 0.451_35);
+
 /// Colourfulness at which colours of a hue count as fully saturated: a fit of the specification to the gamut.
 fn norm(hue: f64) -> f64 {
-    let scale = num::pow(0.033_79 * PEAK, 0.305_96) - 0.451_35;
     let (sin, cos) = num::sin_cos(hue.to_radians());
     let (cos2, sin2) = (cos * cos - sin * sin, 2.0 * sin * cos);
     let (cos3, sin3) = (cos * (4.0 * cos * cos - 3.0), sin * (3.0 - 4.0 * sin * sin));
     let cosines = 11.340_72 * cos + 16.468_99 * cos2 + 7.883_80 * cos3;
     let sines = 14.664_41 * sin - 6.372_24 * sin2 + 9.193_64 * sin3;
-    (cosines + sines + 77.128_96) * scale
+    (cosines + sines + 77.128_96) * *SCALE
 }
