@@ -106,6 +106,7 @@ mod value;
 mod watch;
 
 pub use cache::{Change, Digest, DigestWriter, Manifest, Store};
+pub use graph::columns::{ColumnEntry, Columns};
 pub use graph::graph::Graph;
 pub use graph::knobs::GraphKnob;
 pub use graph::node::{Node, Wire};
@@ -123,6 +124,7 @@ pub use kind::scene::{Point, Scene, Up};
 pub use plan::diff::{
     NodeDifference, ResultDifference, ResultDifferences, graph_differences, result_differences,
 };
+pub use plan::last_values::StoredOutput;
 pub use plan::lock::{Lock, LockDifferences, LockError};
 pub use plan::plan::{Fate, Past, Planned, Why};
 pub use record::record::{Spent, blobs_of};
@@ -143,6 +145,7 @@ pub use share::recipe_error::RecipeError;
 pub use share::rerun::Recipe;
 pub use text::diag::{Code, Diagnostic, Diagnostics, Mistake, nearest};
 pub use text::edit::{EditError, Setting, apply};
+pub use text::graph_text::{GraphText, Step, TextEdit, TextEditError};
 pub use text::overlay::{PRESETS, overlay_text};
 pub use text::source::Source;
 pub use value::artifact::{

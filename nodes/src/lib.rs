@@ -63,6 +63,7 @@ pub fn registry() -> Registry {
         KindEntry::of::<write_animation::WriteAnimation>(),
         KindEntry::of::<write_exr::WriteExr>(),
         KindEntry::of::<write_image::WriteImage>(),
+        KindEntry::of::<write_lut::WriteLut>(),
         KindEntry::of::<write_mesh::WriteMesh>(),
         KindEntry::of::<write_report::WriteReport>(),
     ])

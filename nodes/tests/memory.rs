@@ -35,8 +35,8 @@ fn files(folder: &Path) {
     ] {
         let code = |i: usize| if noisy { noise(i) & largest } else { 7 };
         let codes = (0..width * height * channels).map(code).collect();
-        let raster = Raster { width, height, channels, largest, codes, ignored: Vec::new(), linear: false };
-        put(name, png::write_for(&raster, Packing::Fast, true, &[], Progress::UNTRACKED).expect("packs"));
+        let raster = Raster { width, height, channels, largest, codes, ignored: Vec::new(), colour: None };
+        put(name, png::write_for(&raster, Packing::Fast, None, &[], Progress::UNTRACKED).expect("packs"));
         if name == "noise.png" {
             put("noise.jpg", jpeg::write(&raster, 90, None).expect("packs"));
         }

@@ -27,6 +27,25 @@ fn params(path: InputFile, frame: MeshFrame) -> LoadMesh {
     LoadMesh { path, colours: ColourEncoding::Auto, frame, matrix: None }
 }
 
+/// Name of the format of a mesh, for reports: by the extension for formats without a distinctive start, else by the
+/// first bytes.
+pub fn format(path: &Path, bytes: &[u8]) -> &'static str {
+    match named(path) {
+        Some(format) => format,
+        None if bytes.starts_with(b"ply") || bytes.starts_with(b"\xef\xbb\xbfply") => "ply",
+        None => "gltf",
+    }
+}
+
+/// Name of the format that the extension of a file states, for formats without a distinctive start.
+pub fn named(path: &Path) -> Option<&'static str> {
+    match path.extension()?.to_string_lossy().to_ascii_lowercase().as_str() {
+        "obj" => Some("obj"),
+        "stl" => Some("stl"),
+        _ => None,
+    }
+}
+
 /// True if a file contains a mesh and no splats, judging by its name and header. Returns false if the file cannot
 /// be read.
 pub fn is_mesh(path: &Path) -> bool {
@@ -62,7 +81,22 @@ pub fn is_mesh_header(bytes: &[u8]) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::is_mesh_header as is_mesh;
+    use std::path::Path;
+
+    use super::{format, is_mesh_header as is_mesh};
+
+    #[test]
+    fn formats_of_meshes_are_named() {
+        for (name, bytes, wanted) in [
+            ("a.STL", &[0; 64][..], "stl"),
+            ("a.obj", &b"v 0 0 0\n"[..], "obj"),
+            ("a.ply", b"ply\n", "ply"),
+            ("a.glb", b"glTF", "gltf"),
+            ("a.gltf", b"{}", "gltf"),
+        ] {
+            assert_eq!(format(Path::new(name), bytes), wanted, "{name}");
+        }
+    }
 
     #[test]
     fn meshes_are_distinguished_from_splats() {

@@ -7,6 +7,7 @@ mod engine;
 mod error;
 mod graph;
 pub mod locked;
+pub mod look;
 pub mod mesh;
 mod names;
 pub mod origin;
@@ -15,6 +16,7 @@ mod remote;
 #[cfg(not(feature = "remote"))]
 #[path = "remote/absent.rs"]
 mod remote;
+pub mod sheet;
 pub mod splats;
 pub mod standing;
 

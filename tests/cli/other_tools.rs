@@ -115,6 +115,20 @@ fn a_mesh_of_another_frame_is_reported() {
         found.len() == 1 && found[0].contains("with the mesh scaled by 100.0, the agreement is"),
         "{found:?}"
     );
+    // Every run reports it: one that finds all results in the cache, and one that does not even parse the graph.
+    for _ in 0..3 {
+        assert_eq!(reports(&place), found);
+    }
+    // So does a run after `show` has computed all results.
+    let other = |text: String| {
+        receiver(text).replace("Some((0.01, 0.0", "Some((0.1, 0.0").replace(", 0.01, 0.0", ", 0.1, 0.0")
+    };
+    let smaller = other(insert.replace("\n        view:", load));
+    place.write(&smaller);
+    let shown = place.call(&["show", "graph.ron", "final", "-o", "shown.png"]);
+    assert!(shown.status.success(), "{shown:?}");
+    let after = reports(&place);
+    assert!(after.len() == 1 && after[0].contains("with the mesh scaled by 10.0"), "{after:?}");
     // The loader has a matrix already, which the new one includes.
     assert!(found[0].ends_with("set `matrix: Some((1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0))` on `small`"), "{found:?}");
 }

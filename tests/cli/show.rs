@@ -23,7 +23,7 @@ fn any_node_is_shown_without_editing_the_graph() {
         }
     }
     for (wrong, why) in [
-        ("demo.proxy", "`demo.proxy` has the type mesh"),
+        ("demo.rig", "`demo.rig` has the type rig"),
         ("trace.deep", "`trace` has no output `deep`; it has"),
         ("nobody", "no node `nobody`"),
     ] {
@@ -31,6 +31,37 @@ fn any_node_is_shown_without_editing_the_graph() {
         assert_eq!(output.status.code(), Some(2));
         assert!(text(&output.stderr).contains(why), "{}", text(&output.stderr));
     }
+}
+
+/// Meshes, splats and objects are drawn from above and in views, whose cameras are printed.
+#[test]
+fn scenes_are_shown_with_cameras_to_paste() {
+    let place = Place::new(INSERT);
+    for node in ["demo.proxy", "demo.splats", "demo.object", "placed"] {
+        let output = place.call(&["show", "graph.ron", node]);
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        let printed = text(&output.stdout);
+        assert!(printed.starts_with(&format!("out/{node}.png\n")), "{printed}");
+        assert!(printed.contains("view 1  Camera(eye: ("), "{printed}");
+        assert!(std::fs::read(place.path(&format!("out/{node}.png"))).unwrap().starts_with(b"\x89PNG"));
+    }
+}
+
+/// Thumbnails are those of results in the cache, and only of nodes with pictures.
+#[test]
+fn a_drawing_of_a_graph_has_thumbnails_of_known_pictures() {
+    let place = Place::new(INSERT);
+    let drawn = |more: &[&str]| {
+        let output = place.call(&[&["graph", "graph.ron", "--format", "svg"], more].concat());
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        text(&output.stdout).matches("<image x=").count()
+    };
+    assert_eq!(drawn(&["--thumbnails"]), 0, "nothing was computed");
+    assert_eq!(place.call(&["run", "graph.ron", "--only", "pano"]).status.code(), Some(0));
+    assert_eq!(drawn(&["--thumbnails"]), 3, "the light of `demo`, `faces` and `pano`");
+    assert_eq!(drawn(&[]), 0);
+    let output = place.call(&["graph", "graph.ron", "--thumbnails"]);
+    assert_eq!(output.status.code(), Some(2), "Graphviz gets no pictures");
 }
 
 /// The same pixel in a view of the splats and in a view of the mesh gives the same point of the floor.

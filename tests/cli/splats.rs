@@ -50,7 +50,7 @@ fn converting_says_what_it_took_for_granted() {
     let (code, text) = printed(&place.call(&["convert", "room.ply", "room.spz"]));
     assert!(code == Some(0) && text.contains("[up-unlikely]") && text.contains("`--up`"), "{text}");
     let (code, text) = printed(&place.call(&["convert", "room.ply", "room.spz", "--up", "+z"]));
-    assert!(code == Some(0) && !text.contains("up-unlikely") && text.contains("900 splats"), "{text}");
+    assert!(code == Some(0) && !text.contains("up-unlikely") && text.contains("splats: 900"), "{text}");
     let (code, text) = printed(&place.call(&["convert", "room.spz", "four.spz", "--spz4"]));
     assert!(
         code == Some(0) && std::fs::read(place.path("four.spz")).unwrap().starts_with(b"NGSP\x04"),

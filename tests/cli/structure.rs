@@ -15,6 +15,7 @@ fn imports_lead_down_and_no_verb_imports_another() {
     let imports = arrows::imports(&Path::new(env!("CARGO_MANIFEST_DIR")).join("src"));
     assert!(imports["commands/run"].contains("terminal::Report"), "the imports were read");
     assert_eq!(arrows::upward(&imports, &ROOMS), [""; 0]);
+    assert_eq!(arrows::circles(&imports), [[""; 0]; 0]);
     let verb = |path: &str| path.replace("::", "/").split('/').nth(1).unwrap_or_default().to_owned();
     let verbs = imports.iter().filter(|(file, _)| file.starts_with("commands/"));
     let across: Vec<String> = verbs

@@ -170,7 +170,7 @@ fn cell_text(cell: &Cell) -> String {
 }
 
 fn raster(width: usize, height: usize, codes: Vec<u16>) -> Raster {
-    Raster { width, height, channels: 3, largest: 255, codes, ignored: Vec::new(), linear: false }
+    Raster { width, height, channels: 3, largest: 255, codes, ignored: Vec::new(), colour: None }
 }
 
 fn code(value: f32) -> u16 {

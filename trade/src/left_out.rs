@@ -305,10 +305,7 @@ mod tests {
             (rows[4].left_out, rows[4].found.as_str()),
             (Some(true), "splats whose harmonics above degree 0 were evaluated: 0 of 10")
         );
-        assert_eq!(
-            (rows[6].left_out, rows[6].found.as_str()),
-            (Some(true), "70 % of 100 splats were skipped")
-        );
+        assert_eq!((rows[6].left_out, rows[6].found.as_str()), (Some(true), "skipped splats: 70 % of 100"));
 
         let trace = node("trace", "path-trace");
         let lobes =

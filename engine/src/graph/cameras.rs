@@ -63,6 +63,14 @@ pub(crate) fn cameras_of<'t>(
             Ok(ViewCount::Known(count)) => return Ok(Some(count)),
             Ok(ViewCount::As(inputs)) => inputs,
             Ok(ViewCount::Unknown) => return Err(unknown("is not known before it runs")),
+            Ok(ViewCount::Uncounted { why, hint }) => {
+                let what = format!("the cameras of `{}` cannot be counted: {why}", shown(&node.id));
+                let mistake = wrong(Code::WrongValue, what);
+                return Err(match hint {
+                    Some(hint) => mistake.hint(hint),
+                    None => mistake,
+                });
+            }
             Err(error) => return Err(wrong(Code::WrongValue, error.message().to_owned())),
         };
         let above = inputs.iter().find_map(|input| above(node, input, document));

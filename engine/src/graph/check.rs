@@ -17,14 +17,12 @@ use crate::kind::param_type::Role;
 use crate::kind::registry::{KindEntry, Registry};
 use crate::kind::scene::{Scene, Up};
 use crate::text::diag::{Code, Diagnostic, Diagnostics, shown};
-use crate::text::document::{Document, RawField, RawNode, RawScene};
+use crate::text::document::{Document, RawField, RawNode, RawScene, SCENE_FIELDS};
 use crate::text::include::parse_all;
+use crate::text::overlay::ambiguous;
 use crate::text::source::Source;
 use crate::text::syntax::twice;
 use crate::value::root::SourceRoot;
-
-/// The fields of the `scene` block.
-pub(crate) const SCENE_FIELDS: [&str; 4] = ["up", "metres_per_unit", "seed", "exhaustive"];
 
 impl<'t, 'a> Check<'t, 'a> {
     /// Checks all parts of the file except the nodes. Returns the scene if it is valid.
@@ -42,6 +40,7 @@ impl<'t, 'a> Check<'t, 'a> {
                     .hint("begin it with `version: 1,`"),
             );
         }
+        self.contested(document);
         let (source, registry, root) = (self.source, self.registry, self.root);
         let read = |field: &RawField<'t>| {
             Axis::read(field, |node| cameras_of(node, field, (source, registry, root), document))
@@ -76,6 +75,24 @@ impl<'t, 'a> Check<'t, 'a> {
             return None;
         };
         self.scene(scene)
+    }
+
+    /// Reports fields that an overlay sets in a block, although the node of the same name has such a field as well.
+    fn contested(&mut self, document: &Document<'t>) {
+        for (name, field) in &document.contested {
+            let node = document.nodes.iter().find(|node| node.id == *name);
+            let kind = node.and_then(|node| self.registry.get(node.kind));
+            let in_node = kind.is_some_and(|kind| {
+                kind.params.iter().any(|param| param.name == field.name)
+                    || kind.inputs.iter().any(|port| port.name == field.name)
+            });
+            // A use of a subgraph is not a node any more; its arguments are the values of its scope.
+            let used = document.scopes.iter().find(|scope| scope.prefix.strip_suffix('.') == Some(*name));
+            if in_node || used.is_some_and(|scope| scope.values.iter().any(|value| value.name == field.name))
+            {
+                self.report(ambiguous(name, field));
+            }
+        }
     }
 
     /// Checks a `scene` block. Returns the scene if it is valid.

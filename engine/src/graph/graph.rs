@@ -196,7 +196,7 @@ impl Graph {
                 node.inputs[port].first().and_then(|wire| views[wire.node])
             };
             views[index] = match node.step.views(&self.root) {
-                Ok(ViewCount::Unknown) => None,
+                Ok(ViewCount::Unknown | ViewCount::Uncounted { .. }) => None,
                 Ok(ViewCount::Known(count)) => Some(count),
                 Ok(ViewCount::As(inputs)) => inputs.iter().find_map(of_input),
                 Err(error) => {

@@ -6,6 +6,7 @@ pub(crate) mod cameras;
 pub(crate) mod check;
 pub(crate) mod check_values;
 pub(crate) mod checker;
+pub(crate) mod columns;
 pub(crate) mod expand;
 pub(crate) mod graph;
 pub(crate) mod knobs;

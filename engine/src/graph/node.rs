@@ -71,8 +71,8 @@ impl Node {
         self.places.iter().find(|(name, _)| *name == field).map(|(_, place)| place.clone())
     }
 
-    /// All parameters as (name, canonical text).
-    pub(crate) fn values(&self) -> Vec<(&'static str, String)> {
+    /// All parameters as (name, canonical text), in the order of declaration.
+    pub fn values(&self) -> Vec<(&'static str, String)> {
         let mut values = Vec::with_capacity(self.kind.params.len());
         // Values that are not canonical were rejected by the check.
         self.step.visit(&mut |name, value| values.extend(value.text().ok().map(|text| (name, text))));

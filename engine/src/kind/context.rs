@@ -347,8 +347,8 @@ impl Context {
     }
 
     /// The bytes of the file `name` to which the source file `file` refers, such as a glTF buffer.
-    pub fn read_beside(&self, file: &InputFile, name: &str) -> Result<Vec<u8>, NodeError> {
-        self.read_source(&self.root.beside(&self.root.file(file), name))
+    pub fn read_sibling(&self, file: &InputFile, name: &str) -> Result<Vec<u8>, NodeError> {
+        self.read_source(&self.root.sibling(&self.root.file(file), name))
     }
 
     fn read_source(&self, wanted: &SourceFile) -> Result<Vec<u8>, NodeError> {

@@ -74,10 +74,17 @@ impl Former {
 }
 
 /// Number of views that a node outputs.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub enum ViewCount {
     /// Unknown before the node runs.
     Unknown,
+    /// The node usually counts its views before it runs, but these parameters or files prevent this.
+    Uncounted {
+        /// The reason, such as the error with which the node would fail.
+        why: String,
+        /// Advice for the user, if there is any.
+        hint: Option<String>,
+    },
     /// Fixed number of views.
     Known(usize),
     /// The number of views of the first of these inputs that is connected and has a known number of views.

@@ -5,9 +5,9 @@ use std::collections::BTreeMap;
 use cache::Digest;
 
 use crate::graph::graph::Graph;
-use crate::graph::node::Wire;
+use crate::graph::node::{Node, Wire};
 use crate::kind::contract::Keep;
-use crate::record::action::{Action, last_outputs, read_sources};
+use crate::record::action::{Action, last_outputs, look_up, read_sources};
 use crate::record::record::Output;
 use crate::run::code::stored_value;
 use crate::run::engine::Engine;
@@ -15,7 +15,39 @@ use crate::run::job::context_of;
 use crate::value::artifact::{AnyArtifact, Artifact, decode_all};
 use crate::value::error::guarded;
 
+/// An output of a result in the store.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct StoredOutput {
+    /// Name of the output.
+    pub port: &'static str,
+    /// Type of the value, as in [`ArtifactType::name`](crate::ArtifactType).
+    pub type_name: &'static str,
+    /// Digest of the value.
+    pub digest: Digest,
+    /// True if the value is in the store, and not only its digest.
+    pub stored: bool,
+}
+
 impl Engine {
+    /// The outputs of the result with the key `key`, which belongs to a node of the kind of `node`. `None` if the
+    /// store has no such result. For viewers.
+    pub fn outputs(&self, node: &Node, key: &Digest) -> Option<Vec<StoredOutput>> {
+        let record = look_up(&self.store, node, key)?;
+        let ports = node.kind.outputs.iter().map(|port| port.name);
+        let output = |(port, output): (&'static str, Output)| {
+            let Output { type_name, digest, stored, .. } = output;
+            StoredOutput { port, type_name, digest, stored }
+        };
+        Some(ports.zip(record.outputs).map(output).collect())
+    }
+
+    /// The value with the digest `digest` from the store; `None` if it is missing, damaged, or not an `A`. For
+    /// viewers.
+    pub fn stored<A: Artifact>(&self, digest: &Digest) -> Option<A> {
+        let bytes = self.store.get_blob(digest).ok()??;
+        guarded(|| Ok(decode_all(&bytes)?)).ok()
+    }
+
     /// The value of an output in the last run of a graph: from the store or, if only its digest was stored,
     /// recomputed with the nodes upstream of it. `None` if neither gives a value that has the digest of the last
     /// run. For tests and viewers.

@@ -5,17 +5,17 @@ use std::collections::{BTreeMap, BTreeSet};
 use crate::run::time_estimate::TimeEstimate;
 
 /// Position of a node in topological order, and its index.
-pub(crate) type Place = (usize, usize);
+pub(crate) type Position = (usize, usize);
 
 /// Nodes that wait at the same stage, in topological order, and the same nodes by their expected time.
 #[derive(Default)]
 pub(crate) struct Line {
-    all: BTreeSet<Place>,
-    short: BTreeSet<Place>,
+    all: BTreeSet<Position>,
+    short: BTreeSet<Position>,
     /// Nodes with a forecast that are not short, by forecast. The first number has the order of the forecasts.
-    long: BTreeSet<(u64, Place)>,
+    long: BTreeSet<(u64, Position)>,
     /// Nodes without a forecast by kind, each kind by work. The number has the order of the work.
-    untimed: BTreeMap<&'static str, BTreeSet<(u64, Place)>>,
+    untimed: BTreeMap<&'static str, BTreeSet<(u64, Position)>>,
 }
 
 /// A number with the order of `value`, which is zero if it is not positive.
@@ -25,7 +25,7 @@ fn ordered(value: f64) -> u64 {
 
 impl Line {
     /// Adds a node.
-    pub fn insert(&mut self, place: Place, time: &TimeEstimate) {
+    pub fn insert(&mut self, place: Position, time: &TimeEstimate) {
         self.all.insert(place);
         match time.seconds {
             Some(_) if time.is_short() => self.short.insert(place),
@@ -35,7 +35,7 @@ impl Line {
     }
 
     /// Removes a node. Returns false if it did not wait here.
-    pub fn remove(&mut self, place: Place, time: &TimeEstimate) -> bool {
+    pub fn remove(&mut self, place: Position, time: &TimeEstimate) -> bool {
         match time.seconds {
             Some(_) if time.is_short() => self.short.remove(&place),
             Some(seconds) => self.long.remove(&(ordered(seconds), place)),
@@ -69,7 +69,7 @@ impl Line {
     /// The first node that may pass the nodes before it: a short node, else the node of a kind without a forecast
     /// that has the least work, else the node with the shortest forecast. `may` decides whether a node may.
     pub fn first_small(&self, may: impl Fn(usize) -> bool) -> Option<usize> {
-        let may = |place: &Place| may(place.1);
+        let may = |place: &Position| may(place.1);
         let untimed = || {
             let least = self.untimed.values().filter_map(|kind| kind.first());
             least.map(|(_, place)| *place).filter(|place| may(place)).min()
@@ -85,7 +85,7 @@ impl Line {
     }
 
     /// Checks, in debug builds only, that the line consists of the nodes `wanted`. `time` returns the estimate of a node.
-    pub fn check(&self, wanted: BTreeSet<Place>, time: impl Fn(usize) -> TimeEstimate) {
+    pub fn check(&self, wanted: BTreeSet<Position>, time: impl Fn(usize) -> TimeEstimate) {
         let mut line = Self::default();
         wanted.iter().for_each(|place| line.insert(*place, &time(place.1)));
         assert_eq!(self.all, wanted, "waiting nodes");

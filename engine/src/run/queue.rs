@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 
 use cache::Digest;
 
-use crate::run::line::{Line, Place};
+use crate::run::line::{Line, Position};
 use crate::run::slot::{Life, Slot};
 use crate::run::time_estimate::{Running, TimeEstimate};
 
@@ -75,7 +75,7 @@ impl Queue {
         !self.parked.is_empty()
     }
 
-    fn place(&self, index: usize) -> Place {
+    fn place(&self, index: usize) -> Position {
         (self.rank[index], index)
     }
 
@@ -223,7 +223,8 @@ impl Queue {
         let of = |lives: &'static [Life]| {
             slots.iter().enumerate().filter(move |(_, slot)| lives.contains(&slot.life))
         };
-        let places = |lives| -> BTreeSet<Place> { of(lives).map(|(index, _)| self.place(index)).collect() };
+        let places =
+            |lives| -> BTreeSet<Position> { of(lives).map(|(index, _)| self.place(index)).collect() };
         self.ready.check(places(&[Life::Ready]), |index| slots[index].time);
         self.queued.check(places(&[Life::Queued]), |index| slots[index].time);
         let parked: BTreeSet<_> = self.parked.iter().map(|parked| self.place(parked.node)).collect();

@@ -30,7 +30,7 @@ impl Described {
 
 /// A node of a recipe and its inputs.
 struct Node<'s> {
-    said: &'s Described,
+    described: &'s Described,
     /// For each field that contains wires: its name, and the node index and output name of each wire.
     wires: Vec<(&'s str, Vec<(usize, String)>)>,
     /// Digest of the node and everything upstream of it, not including node names.
@@ -47,9 +47,9 @@ fn wire<'t>(text: &'t str, above: &HashMap<&str, usize>) -> Option<(usize, &'t s
 fn read(all: &[Described]) -> Vec<Node<'_>> {
     let mut above: HashMap<&str, usize> = HashMap::new();
     let mut nodes: Vec<Node<'_>> = Vec::with_capacity(all.len());
-    for (index, said) in all.iter().enumerate() {
+    for (index, described) in all.iter().enumerate() {
         let (mut wires, mut whole) = (Vec::new(), String::new());
-        for (name, text) in &said.fields {
+        for (name, text) in &described.fields {
             let mut own = Vec::new();
             let text = replace_strings(text, |text| match wire(text, &above) {
                 Some((node, output)) => {
@@ -64,8 +64,8 @@ fn read(all: &[Described]) -> Vec<Node<'_>> {
                 wires.push((name.as_str(), own));
             }
         }
-        nodes.push(Node { said, wires, digest: Digest::of(whole.as_bytes()) });
-        above.insert(&said.id, index);
+        nodes.push(Node { described, wires, digest: Digest::of(whole.as_bytes()) });
+        above.insert(&described.id, index);
     }
     nodes
 }
@@ -90,7 +90,7 @@ impl<'s> Pairs<'s> {
         pairs.follow();
         // The remaining nodes: first equal ones, then those of the same kind, in order.
         pairs.rest(|node| node.digest.to_string());
-        pairs.rest(|node| node.said.kind.clone());
+        pairs.rest(|node| node.described.kind.clone());
         pairs
     }
 
@@ -107,10 +107,10 @@ impl<'s> Pairs<'s> {
     /// same kind. Otherwise one of them may have been inserted; the other is then paired with an input of the
     /// inserted node.
     fn meet(&mut self, a: usize, b: usize) {
-        let kind = |node: &Node<'s>| node.said.kind.as_str();
+        let kind = |node: &Node<'s>| node.described.kind.as_str();
         let above = |nodes: &[Node<'s>], node: usize, wanted: &str| {
             let all = nodes[node].wires.iter().flat_map(|(_, wires)| wires);
-            all.map(|(above, _)| *above).find(|above| nodes[*above].said.kind == wanted)
+            all.map(|(above, _)| *above).find(|above| nodes[*above].described.kind == wanted)
         };
         let (kind_a, kind_b) = (kind(&self.a[a]), kind(&self.b[b]));
         let pair = if kind_a == kind_b {
@@ -132,7 +132,7 @@ impl<'s> Pairs<'s> {
                 let Some(others) = in_b.get(name) else { continue };
                 let mut others = others.clone();
                 let left = self.alike(all, &mut others, |node| node.digest.to_string());
-                let left = self.alike(left, &mut others, |node| node.said.kind.clone());
+                let left = self.alike(left, &mut others, |node| node.described.kind.clone());
                 for (a, b) in left.into_iter().zip(others) {
                     self.meet(a, b);
                 }
@@ -177,13 +177,14 @@ fn inputs<'s>(node: &Node<'s>) -> Vec<(&'s str, Vec<usize>)> {
 /// followed by the kind.
 pub(crate) fn recipe_differences(a: &[Described], b: &[Described]) -> Vec<(String, NodeDifference)> {
     let pairs = Pairs::new(a, b);
-    let own: HashMap<&str, usize> = b.iter().enumerate().map(|(index, said)| (&*said.id, index)).collect();
+    let own: HashMap<&str, usize> =
+        b.iter().enumerate().map(|(index, described)| (&*described.id, index)).collect();
     let name = |index: usize| match pairs.of_b[index] {
         Some(first) => a[first].id.clone(),
         None => format!("b.{}", b[index].id),
     };
     // With the node names of the first recipe.
-    let said = |index: usize| {
+    let fields_of = |index: usize| {
         let above = |text: &str| match wire(text, &own).filter(|(above, _)| *above < index) {
             Some((node, output)) => format!("{}.{output}", name(node)),
             None => text.to_owned(),
@@ -200,7 +201,7 @@ pub(crate) fn recipe_differences(a: &[Described], b: &[Described]) -> Vec<(Strin
         // In the same form on both sides, since a string can be written in several ways.
         let then = node.fields.iter();
         let then = then.map(|(field, text)| (field.clone(), replace_strings(text, str::to_owned))).collect();
-        let changes = changes(then, said(other));
+        let changes = changes(then, fields_of(other));
         if !changes.is_empty() {
             found.push((node.id.clone(), NodeDifference::Changed(changes)));
         }

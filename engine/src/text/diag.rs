@@ -178,16 +178,16 @@ impl Diagnostics {
         };
         let snippet =
             |piece: &Piece| Snippet::source(&self.source.text[piece.span.clone()]).path(piece.name.clone());
-        let beside = |(span, label): &'_ (Range<usize>, String)| {
+        let annotation_of = |(span, label): &'_ (Range<usize>, String)| {
             AnnotationKind::Context.span(place(span)).label(label.clone())
         };
         let here = |span: &Range<usize>| piece_of(span.start) == own;
-        let related = one.related.iter().filter(|(span, _)| here(span) && near(span)).map(beside);
+        let related = one.related.iter().filter(|(span, _)| here(span) && near(span)).map(annotation_of);
         let mut group = Level::ERROR
             .primary_title(one.message.as_str())
             .element(snippet(own).annotation(primary).annotations(related));
         for other in one.related.iter().filter(|(span, _)| !here(span)) {
-            group = group.element(snippet(piece_of(other.0.start)).annotation(beside(other)));
+            group = group.element(snippet(piece_of(other.0.start)).annotation(annotation_of(other)));
         }
         for hint in &one.hints {
             group = group.element(Level::HELP.message(hint.as_str()));

@@ -36,6 +36,9 @@ pub(crate) struct RawNode<'t> {
     pub scope: usize,
 }
 
+/// The fields of the `scene` block.
+pub(crate) const SCENE_FIELDS: [&str; 4] = ["up", "metres_per_unit", "seed", "exhaustive"];
+
 /// The `scene` block.
 #[derive(Debug, Clone)]
 pub(crate) struct RawScene<'t> {
@@ -60,6 +63,11 @@ pub(crate) struct Document<'t> {
     /// Presets: named overlays. Their values are not parsed yet.
     pub presets: Vec<RawField<'t>>,
     pub nodes: Vec<RawNode<'t>>,
+    /// Blocks of an overlay: `scene`, `axes` and `parameters` outside `nodes`. Their form is that of nodes.
+    pub blocks: Vec<RawNode<'t>>,
+    /// Fields of a block that an overlay sets by the name of the block, although a node has the same name: the block
+    /// and the field. It is a mistake if the node has such a field as well.
+    pub contested: Vec<(&'static str, RawField<'t>)>,
     /// Scopes in which names are resolved: the graph itself, then each use of a subgraph.
     pub scopes: Vec<Scope<'t>>,
     /// Names of nodes that could not be parsed, so that wires to them are not reported as well.

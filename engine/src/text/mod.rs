@@ -3,6 +3,7 @@
 pub(crate) mod diag;
 pub(crate) mod document;
 pub(crate) mod edit;
+pub(crate) mod graph_text;
 pub(crate) mod include;
 pub(crate) mod overlay;
 pub(crate) mod scan;

@@ -123,7 +123,7 @@ impl<'t> Parser<'t> {
                 "version" => parser.document.version = parser.value(name, span),
                 // In an overlay, all blocks have the same form.
                 "scene" | "axes" | "parameters" if parser.sort == FileKind::Overlay => {
-                    parser.add_node(name, span);
+                    parser.add_block(name, span);
                 }
                 "scene" => parser.scene(span),
                 "axes" => parser.axes(span),
@@ -350,6 +350,12 @@ impl<'t> Parser<'t> {
             Some(node) if self.scan.diagnostics.len() == before => self.document.nodes.push(node),
             _ => self.document.broken.push(id.into()),
         }
+    }
+
+    fn add_block(&mut self, name: &'t str, span: Range<usize>) {
+        let before = self.scan.diagnostics.len();
+        let block = self.node(name, span).filter(|_| self.scan.diagnostics.len() == before);
+        self.document.blocks.extend(block);
     }
 
     fn node(&mut self, id: &'t str, id_span: Range<usize>) -> Option<RawNode<'t>> {

@@ -81,7 +81,7 @@ fn wrong_items(described: &str, text: &str) -> Option<String> {
     }
     let wanted = wanted.filter(|wanted| *wanted != items.len())?;
     Some(match items.len() {
-        0 => "but there are none".to_owned(),
+        0 => "but the list is empty".to_owned(),
         found if found < wanted => format!("not only {found}"),
         found => format!("not {found}"),
     })

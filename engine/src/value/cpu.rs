@@ -11,10 +11,10 @@ thread_local! {
 /// Runs code and returns the CPU time that this thread spent on it. A thread that waits for its tiles may run tiles
 /// of another node, which are measured separately. The time of such nested measurements is subtracted.
 pub(crate) fn measured<T>(code: impl FnOnce() -> T) -> (T, Duration) {
-    let (beside, start) = (INSIDE.take(), of_thread());
+    let (outer, start) = (INSIDE.take(), of_thread());
     let value = code();
     let all = of_thread().saturating_sub(start);
-    let inside = INSIDE.replace(beside + all);
+    let inside = INSIDE.replace(outer + all);
     (value, all.saturating_sub(inside))
 }
 

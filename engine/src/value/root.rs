@@ -106,7 +106,7 @@ impl SourceRoot {
 
     /// A source file that another source file refers to, such as a buffer of a glTF file. `name` is relative to the
     /// folder of `other`.
-    pub fn beside(&self, other: &SourceFile, name: &str) -> SourceFile {
+    pub fn sibling(&self, other: &SourceFile, name: &str) -> SourceFile {
         let path = self.resolve(other.path.parent().unwrap_or(&self.folder), name);
         let name = match other.name.rsplit_once('/') {
             Some((folder, _)) => format!("{folder}/{name}"),
@@ -234,7 +234,7 @@ mod tests {
         }
         let main = file("sub/a.txt");
         for name in ["../../secret/a.txt", "link.txt", "/etc/passwd"] {
-            assert_eq!(read(&root.beside(&main, name)), None, "{name}");
+            assert_eq!(read(&root.sibling(&main, name)), None, "{name}");
         }
         assert!(!root.is_outside(&file("gone.txt")) && read(&file("gone.txt")).is_none());
         let stage = SourceRoot::staged(&at("in"));
@@ -266,7 +266,7 @@ mod tests {
         // A file that another file refers to has the same path, whichever way its name is read.
         let stage = SourceRoot::staged(Path::new("/stage"));
         let model = stage.file(&InputFile("../models/chair.gltf".to_owned()));
-        let texture = stage.beside(&model, "../tex/wood.png");
+        let texture = stage.sibling(&model, "../tex/wood.png");
         assert_eq!(texture.path, stage.file(&InputFile(texture.name.clone())).path);
     }
 }

@@ -239,13 +239,13 @@ mod tests {
         }
     }
 
-    struct Place {
+    struct Fixture {
         folder: tempfile::TempDir,
         log: Log,
         files: WatchedFiles,
     }
 
-    impl Place {
+    impl Fixture {
         fn new(limit: Option<&'static str>) -> Self {
             let (folder, log) = (tempfile::tempdir().unwrap(), Log::default());
             std::fs::create_dir(folder.path().join("home")).unwrap();
@@ -275,7 +275,7 @@ mod tests {
 
     #[test]
     fn every_way_to_save_is_a_change_and_reading_is_none() {
-        let mut place = Place::new(None);
+        let mut place = Fixture::new(None);
         place.write("home/a.ron", "one");
         let path = place.path("home/a.ron");
         assert!(place.files.follow(std::slice::from_ref(&path)));
@@ -306,7 +306,7 @@ mod tests {
 
     #[test]
     fn an_edit_that_no_stamp_shows_is_seen_where_a_hint_names_it() {
-        let mut place = Place::new(None);
+        let mut place = Fixture::new(None);
         place.write("home/a.ron", "one");
         let path = place.path("home/a.ron");
         place.files.follow(std::slice::from_ref(&path));
@@ -323,7 +323,7 @@ mod tests {
     fn a_link_that_leads_elsewhere_is_a_change() {
         use std::os::unix::fs::symlink;
         // Like mounted configuration: graph.ron -> data/graph.ron, data -> v1, and then data is swapped.
-        let mut place = Place::new(None);
+        let mut place = Fixture::new(None);
         for (version, text) in [("v1", "one"), ("v2", "two")] {
             std::fs::create_dir(place.path(version)).unwrap();
             place.write(&format!("{version}/graph.ron"), text);
@@ -351,7 +351,7 @@ mod tests {
     #[cfg(unix)]
     #[test]
     fn links_in_a_circle_end() {
-        let place = Place::new(None);
+        let place = Fixture::new(None);
         std::os::unix::fs::symlink("b", place.path("a")).unwrap();
         std::os::unix::fs::symlink("a", place.path("b")).unwrap();
         assert_eq!(names_to(&place.path("a")).len(), MOST_LINKS + 1);
@@ -359,7 +359,7 @@ mod tests {
 
     #[test]
     fn a_folder_that_went_away_is_waited_for() {
-        let mut place = Place::new(None);
+        let mut place = Fixture::new(None);
         std::fs::create_dir(place.path("home/deep")).unwrap();
         place.write("home/deep/a.ron", "one");
         let path = place.path("home/deep/a.ron");
@@ -383,7 +383,7 @@ mod tests {
 
     #[test]
     fn where_no_folder_can_be_heard_of_it_says_why_and_looks() {
-        let mut place = Place::new(Some("home"));
+        let mut place = Fixture::new(Some("home"));
         place.write("home/a.ron", "one");
         let path = place.path("home/a.ron");
         place.files.follow(std::slice::from_ref(&path));

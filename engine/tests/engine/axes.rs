@@ -221,8 +221,15 @@ fn the_cameras_of_a_node_are_an_axis() {
 fn a_number_of_cameras_that_is_not_known_is_a_mistake() {
     let lab = Lab::in_memory();
     lab.write("a.txt", "3");
+    lab.write("c.txt", "no digit");
     for (axes, nodes, wanted) in [
-        ("f: Cameras(\"rg\")", "rig: Number,", &["no node is named `rg`", "did you mean `rig`?"][..]),
+        // The error of the node. An earlier version only reported that the number is not known before it runs.
+        (
+            "f: Cameras(\"rig\")",
+            r#"rig: LoadDigits(path: "c.txt"),"#,
+            &["the cameras of `rig` cannot be counted: `c.txt` holds no digit", "write a digit"][..],
+        ),
+        ("f: Cameras(\"rg\")", "rig: Number,", &["no node is named `rg`", "did you mean `rig`?"]),
         ("f: Cameras(\"rig\")", "rig: Number,", &["of `rig` is not known before it runs", "Range(0, 300)"]),
         (
             "f: Cameras(\"rig\")",

@@ -224,6 +224,81 @@ fn a_setting_gives_a_scene_to_a_file_that_has_none() {
     assert!(mistakes.contains("`scene` has no field `upp`"), "{mistakes}");
 }
 
+// A node may have the name of a block. An earlier version set a field of such a node only if the graph file sets it as
+// well, and otherwise reported that the block has no such field.
+#[test]
+fn a_node_named_like_a_block_can_be_set() {
+    let lab = Lab::in_memory();
+    let text = "Graph(version: 1, scene: (up: \"+z\", seed: 1), axes: (n: Range(0, 2)), nodes: (scene: Number, \
+        two: Scale(value: \"scene\", by: 1.0), s: WriteNumber(number: \"two\", path: \"s.txt\"), axes: Number,))";
+    let source = || Source::new("graph.ron", text);
+    let set = |settings: &[&str]| {
+        let settings: Vec<engine::Setting> = settings.iter().map(|text| text.parse().unwrap()).collect();
+        engine::apply(&source(), &settings)
+    };
+    let of = |source: Source| {
+        let graph = lab.parse(&source.text).unwrap();
+        lab.run_text(&source.text);
+        (graph.scene.seed, lab.out("s.txt"))
+    };
+    assert_eq!(of(source()), (1, "1.0\n".to_owned()));
+    // The node has `value`, and the block has `seed`.
+    assert_eq!(of(set(&["scene.value=7", "scene.seed=3"])), (3, "7.0\n".to_owned()));
+    assert_eq!(of(set(&["nodes.scene.value=8", "graph.scene.seed=4"])), (4, "8.0\n".to_owned()));
+    assert_eq!(of(set(&["nodes.two.by=2"])), (1, "2.0\n".to_owned()));
+    for overlay in [
+        "Overlay(nodes: (scene: (value: 9.0)))",
+        "Overlay(scene: (seed: 1), nodes: (scene: (value: 9.0)))",
+        "Overlay(nodes: (nodes.scene: (value: 9.0), graph.scene: (seed: 1)))",
+    ] {
+        assert_eq!(of(source().overlaid("mine.ron", overlay)), (1, "9.0\n".to_owned()), "{overlay}");
+    }
+    let axis = set(&["axes.n=Range(0, 5)", "axes.value=Axis(\"n\")"]);
+    assert_eq!(lab.parse(&axis.text).unwrap().find_all("axes").len(), 5);
+    // What neither of them has is reported for the one that is meant.
+    for (setting, says) in [
+        ("scene.valeu=7", "`Number` has no field `valeu`"),
+        ("nodes.scene.seed=7", "`Number` has no field `seed`"),
+        ("graph.scene.value=7", "`scene` has no field `value`"),
+        ("nodes.scen.value=7", "no node is named `scen`"),
+    ] {
+        let mistakes = lab.mistakes(&set(&[setting]).text);
+        assert!(mistakes.contains(says), "{setting}: {mistakes}");
+    }
+    let mistakes = lab.mistakes(&source().overlaid("mine.ron", "Overlay(scene: (value: 9.0))").text);
+    assert!(mistakes.contains("`scene` has no field `value`"), "{mistakes}");
+}
+
+// A field that the block and the node of the same name both have.
+#[test]
+fn a_field_of_a_block_and_a_node_of_one_name_is_ambiguous() {
+    let lab = Lab::in_memory();
+    for node in ["parameters: Number", "parameters: Number(value: 2.0)"] {
+        let text = format!(
+            "Graph(version: 1, scene: (up: \"+z\"), parameters: (value: 1.0), nodes: ({node}, b: Scale(value: \"parameters\", \
+             by: Param(\"value\")), s: WriteNumber(number: \"b\", path: \"s.txt\")))"
+        );
+        let set = |setting: &str| {
+            engine::apply(&Source::new("graph.ron", text.as_str()), &[setting.parse().unwrap()])
+                .text
+                .to_string()
+        };
+        let mistakes = lab.mistakes(&set("parameters.value=3"));
+        assert!(
+            mistakes.contains("the block `parameters` and the node `parameters` both have a field `value`")
+                && mistakes.contains("write `nodes.parameters.value` for the field of the node")
+                && mistakes.contains("or `graph.parameters.value` for that of the block"),
+            "{mistakes}"
+        );
+        lab.run_text(&set("graph.parameters.value=3"));
+        let by_block = lab.out("s.txt");
+        lab.run_text(&set("nodes.parameters.value=3"));
+        let by_node = lab.out("s.txt");
+        let own = if node.ends_with(')') { 2.0 } else { 1.0 };
+        assert_eq!((by_block, by_node), (format!("{:?}\n", own * 3.0), "3.0\n".to_owned()));
+    }
+}
+
 #[test]
 fn presets_reach_what_is_included() {
     let lab = Lab::in_memory();

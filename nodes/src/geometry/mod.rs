@@ -3,6 +3,7 @@
 pub mod before_object;
 pub mod bvh;
 pub mod inspect;
+pub(crate) mod inward;
 pub mod level;
 pub mod resting;
 pub mod sampling;

@@ -3,7 +3,7 @@
 use glam::{DQuat, DVec2, DVec3, Vec3};
 
 use crate::geometry::bvh::{Bvh, Ray};
-use crate::geometry::support::Level;
+use crate::geometry::support::GroundPlane;
 
 /// Number of columns and of rows of the grid on which an object and the ground are sampled.
 const GRID: usize = 24;
@@ -28,7 +28,7 @@ pub struct Relief<'a> {
     /// Maximum height above or below the origin at which ground is found, in world units.
     pub reach: f64,
     /// The plane fitted to the ground.
-    pub plane: Level,
+    pub plane: GroundPlane,
 }
 
 /// Motion that brings an object to rest.

@@ -70,7 +70,7 @@ impl Foot {
 
 /// A plane fitted to points of the ground, and the roughness of the ground.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Level {
+pub struct GroundPlane {
     /// Height of the plane at (0, 0). It is chosen so that half of the points lie above the plane.
     pub height: f64,
     /// Slope of the plane along both axes, fitted by least squares; 0 if the points do not determine it.
@@ -80,7 +80,7 @@ pub struct Level {
     pub roughness: f64,
 }
 
-impl Level {
+impl GroundPlane {
     /// Returns the height of the plane at a position.
     pub fn at(&self, x: f64, y: f64) -> f64 {
         self.height + self.slope[0] * x + self.slope[1] * y
@@ -122,12 +122,12 @@ mod tests {
     fn a_slope_is_no_roughness() {
         let grid = (0..100).map(|i| [f64::from(i % 10) - 4.5, f64::from(i / 10) - 4.5]);
         let sloping: Vec<_> = grid.clone().map(|[x, y]| [x, y, 3.0 + 0.1 * x - 0.2 * y]).collect();
-        let level = Level::of(&sloping).expect("points");
+        let level = GroundPlane::of(&sloping).expect("points");
         assert!((level.slope[0] - 0.1).abs() < 1e-12 && (level.slope[1] + 0.2).abs() < 1e-12);
         assert!(level.roughness < 1e-12 && (level.height - 3.0).abs() < 1e-12);
         let rough: Vec<_> = grid.enumerate().map(|(i, [x, y])| [x, y, f64::from((i % 3) as u8)]).collect();
-        assert!((0.5..1.5).contains(&Level::of(&rough).expect("points").roughness));
-        assert_eq!(Level::of(&[]), None);
-        assert_eq!(Level::of(&[[1.0, 2.0, 5.0]; 3]).expect("one point").slope, [0.0; 2]);
+        assert!((0.5..1.5).contains(&GroundPlane::of(&rough).expect("points").roughness));
+        assert_eq!(GroundPlane::of(&[]), None);
+        assert_eq!(GroundPlane::of(&[[1.0, 2.0, 5.0]; 3]).expect("one point").slope, [0.0; 2]);
     }
 }

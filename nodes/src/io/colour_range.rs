@@ -20,6 +20,9 @@ const SLACK: f64 = 1.5;
 const BYTE: f64 = 255.5;
 
 impl Range {
+    /// Colours from 0 to 1.
+    pub const UNIT: Self = Self { white: 1.0, guessed: false };
+
     /// Determines the range of colours of the type `scalar`. For integers of 8 and 16 bits, white is the largest
     /// number of the type. Integers of 32 bits are assumed to hold 8-bit codes, since some programs write all
     /// integers with one type. For floats, white is 1, or 255 if at least a hundredth of the numbers exceed 1.5 and

@@ -53,6 +53,19 @@ pub fn sides(line: &str) -> Option<[Side; 2]> {
     (a.across != b.across).then_some([a, b])
 }
 
+/// Largest factor that `EXPOSURE` and `COLORCORR` may amount to, and the inverse of the smallest: 40 stops. Light
+/// divided by a factor outside this range would exceed what single precision holds, or vanish.
+const LARGEST_SCALE: f64 = 1e12;
+
+/// Variables of the header that are read.
+const VARIABLES: [&str; 4] = ["FORMAT", "EXPOSURE", "COLORCORR", "PRIMARIES"];
+
+/// Name and value of a line `NAME=value` of the header, without white space around them. For other lines, the name is
+/// the whole line.
+fn variable(line: &str) -> (&str, &str) {
+    line.split_once('=').map_or((line, ""), |(name, value)| (name.trim(), value.trim()))
+}
+
 /// Reads a Radiance picture of any orientation.
 pub fn read(file: &str, bytes: &[u8]) -> Result<Radiance, Error> {
     read_for(file, bytes, Progress::UNTRACKED)
@@ -82,13 +95,16 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Radi
         if text.is_empty() {
             break;
         }
-        if let Some(format) = text.strip_prefix("FORMAT=")
-            && format != "32-bit_rle_rgbe"
-        {
-            return Err(Error::unsupported(file, format!("the Radiance format `{format}`")));
+        let (key, value) = variable(&text);
+        if !VARIABLES.contains(&key) && VARIABLES.iter().any(|known| known.eq_ignore_ascii_case(key)) {
+            // Radiance reads only names in capital letters.
+            ignored.push(text.clone());
         }
-        if let Some(value) = text.strip_prefix("EXPOSURE=") {
-            let value: f64 = value.trim().parse().map_err(|_| bad("`EXPOSURE` is not a number"))?;
+        if key == "FORMAT" && value != "32-bit_rle_rgbe" {
+            return Err(Error::unsupported(file, format!("the Radiance format `{value}`")));
+        }
+        if key == "EXPOSURE" {
+            let value: f64 = value.parse().map_err(|_| bad("`EXPOSURE` is not a number"))?;
             if value == 0.0 {
                 // As FreeImage writes for an exposure that it does not know.
                 ignored.push(text.clone());
@@ -96,25 +112,29 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Radi
                 scale = scale.map(|scale| scale * value);
             }
         }
-        if let Some(values) = text.strip_prefix("PRIMARIES=") {
+        if key == "PRIMARIES" {
             let values: Option<Vec<f32>> =
-                values.split_ascii_whitespace().map(|value| value.parse().ok()).collect();
+                value.split_ascii_whitespace().map(|value| value.parse().ok()).collect();
             let Some([rx, ry, gx, gy, bx, by, wx, wy]) = values.as_deref() else {
                 return Err(bad("`PRIMARIES` must consist of eight numbers"));
             };
             primaries = Some([[*rx, *ry], [*gx, *gy], [*bx, *by], [*wx, *wy]]);
         }
-        if let Some(values) = text.strip_prefix("COLORCORR=") {
+        if key == "COLORCORR" {
             let values: Option<Vec<f64>> =
-                values.split_ascii_whitespace().map(|value| value.parse().ok()).collect();
+                value.split_ascii_whitespace().map(|value| value.parse().ok()).collect();
             let Some([r, g, b]) = values.as_deref() else {
                 return Err(bad("`COLORCORR` must consist of three numbers"));
             };
             scale.iter_mut().zip([r, g, b]).for_each(|(scale, value)| *scale *= value);
         }
     }
-    if scale.iter().any(|scale| !(*scale > 0.0 && scale.is_finite())) {
-        return Err(bad("`EXPOSURE` or `COLORCORR` is not above 0"));
+    if let Some(scale) = scale.iter().find(|scale| !(1.0 / LARGEST_SCALE..=LARGEST_SCALE).contains(*scale)) {
+        let what = format!(
+            "`EXPOSURE` and `COLORCORR` multiply to {scale:e}, which is not between {:e} and {LARGEST_SCALE:e}",
+            1.0 / LARGEST_SCALE
+        );
+        return Err(Error::format(file, what));
     }
     let size = line(&mut rest)?;
     let [outer, inner] = sides(&size).ok_or_else(|| {
@@ -339,6 +359,19 @@ mod tests {
             assert_eq!((&picture.rgb[..], picture.ignored.len()), (&[10.0, 20.0, 30.0][..], 1));
         }
         assert!(of("EXPOSURE=-1\n").is_err() && of("EXPOSURE=nan\n").is_err());
+        // White space around the name. An earlier version ignored such lines silently.
+        for spaced in ["EXPOSURE\t=\t2\n", " EXPOSURE = 2\n", "EXPOSURE=2 \n"] {
+            let picture = of(spaced).unwrap_or_else(|e| panic!("{spaced}: {e}"));
+            assert_eq!((&picture.rgb[..], picture.ignored.len()), (&[5.0, 10.0, 15.0][..], 0), "{spaced}");
+        }
+        let picture = of("Exposure=2\n").unwrap_or_else(|e| panic!("{e}"));
+        assert_eq!((picture.rgb[0], picture.ignored), (10.0, vec!["Exposure=2".to_owned()]));
+        // An exposure near 0 would make the light infinite, and a huge one would make it vanish.
+        for beyond in ["EXPOSURE=1e-40\n", "EXPOSURE=1e40\n", "EXPOSURE=1e-7\nCOLORCORR=1 1e-7 1\n"] {
+            let error = of(beyond).err().map(|e| e.to_string()).unwrap_or_default();
+            assert!(error.contains("which is not between 1e-12 and 1e12"), "{beyond}: {error}");
+        }
+        assert_eq!(of("EXPOSURE=1e-6\n").map(|p| p.rgb).unwrap_or_default(), [1e7, 2e7, 3e7]);
         let wide = "PRIMARIES= 0.708 0.292 0.170 0.797 0.131 0.046 0.3127 0.3290\n";
         assert_eq!(of(wide).ok().and_then(|p| p.primaries).map(|p| p[1]), Some([0.17, 0.797]));
         assert!(of("PRIMARIES=0.6 0.3\n").is_err());

@@ -198,7 +198,7 @@ mod tests {
             largest: 255,
             codes: vec![9; 31 * 7 * channels],
             ignored: Vec::new(),
-            linear: false,
+            colour: None,
         };
         let plane = |name: &str| {
             let samples = vec![0.5; 31 * 7];

@@ -8,6 +8,7 @@ use zune_jpeg::zune_core::options::DecoderOptions;
 use super::icc;
 use super::png::{Raster, believable};
 use super::progress::{Progress, TrackedReader, TrackedWriter};
+use super::source_colour::SourceColour;
 use crate::error::Error;
 
 /// Reads a JPEG as RGB codes. The channels of grey pictures are equal.
@@ -52,7 +53,15 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Rast
     if turned.is_some_and(|turn| turn != Orientation::NoTransforms) {
         ignored.push("an orientation other than upright (EXIF)".to_owned());
     }
-    Ok(Raster { width, height, channels: 3, largest: 255, codes, ignored, linear: meaning.linear })
+    Ok(Raster {
+        width,
+        height,
+        channels: 3,
+        largest: 255,
+        codes,
+        ignored,
+        colour: meaning.profile.map(|profile| SourceColour::Icc(Box::new(profile))),
+    })
 }
 
 /// Writes 8-bit RGB or grey codes as a JPEG with a quality from 1 to 100 and an optional comment.
@@ -102,7 +111,7 @@ mod tests {
         let (width, height) = (61, 34);
         let codes =
             (0..width * height).flat_map(|i| [(i % width * 4) as u16, (i / width * 7) as u16, 90]).collect();
-        Raster { width, height, channels: 3, largest: 255, codes, ignored: Vec::new(), linear: false }
+        Raster { width, height, channels: 3, largest: 255, codes, ignored: Vec::new(), colour: None }
     }
 
     #[test]

@@ -3,6 +3,7 @@
 
 pub(crate) mod base64;
 pub(crate) mod colour_range;
+pub mod cube;
 pub mod exr;
 pub(crate) mod foreign;
 pub mod gltf;
@@ -13,6 +14,7 @@ pub mod icc;
 pub(crate) mod import;
 pub mod jpeg;
 pub mod mesh;
+pub(crate) mod mesh_format;
 pub mod picture;
 pub mod ply;
 pub mod png;
@@ -21,5 +23,6 @@ pub mod progress;
 pub mod quantise;
 mod raster;
 pub mod recipe;
+pub mod source_colour;
 pub mod splats;
 pub mod webp;

@@ -11,22 +11,77 @@ use super::foreign::refuse_foreign;
 use super::head::Head;
 use super::png::Raster;
 use super::progress::Progress;
+use super::source_colour::SourceColour;
 use super::{exr, hdr, jpeg, png};
 use crate::error::Error;
+use crate::math::color::space::Space;
 use crate::types::{Data, Image, Linear, Picture, Srgb};
 
 engine::choices! {
     /// Meaning of the sample values in a picture file.
     pub enum FileEncoding {
-        /// PNG and JPEG hold display colours, unless their colour profile declares linear light; OpenEXR and
-        /// Radiance hold linear light.
+        /// Follows the file: its colour profile (ICC), code points (cICP) or chromaticities. Files that say nothing
+        /// are sRGB if they are PNG or JPEG, and linear Rec.709 if they are OpenEXR or Radiance.
         Auto,
-        /// Display colours with the sRGB curve.
+        /// sRGB.
         Srgb,
-        /// Linear light.
+        /// Linear light with the primaries of Rec.709.
         Linear,
         /// Data that are not colours: a mask, a depth, a ratio.
         Data,
+        /// Rec.709 video, as shown on a display of BT.1886 (gamma 2.4).
+        Rec709,
+        /// Display P3.
+        DisplayP3,
+        /// Rec.2020 video, as shown on a display of BT.1886 (gamma 2.4).
+        Rec2020,
+        /// Linear light with the primaries of P3 and the white of D65.
+        LinearP3,
+        /// Linear light with the primaries of Rec.2020.
+        LinearRec2020,
+        /// ACEScg: linear light with the primaries AP1.
+        AcesCg,
+        /// ACES2065-1: linear light with the primaries AP0.
+        Aces2065,
+        /// ACEScct: logarithmic, with the primaries AP1.
+        AcesCct,
+        /// ARRI LogC3 for exposure index 800, with ARRI Wide Gamut 3.
+        LogC3,
+        /// ARRI LogC4 with ARRI Wide Gamut 4.
+        LogC4,
+        /// Sony S-Log3 with S-Gamut3.
+        SLog3,
+        /// Sony S-Log3 with S-Gamut3.Cine.
+        SLog3Cine,
+        /// Panasonic V-Log with V-Gamut.
+        VLog,
+        /// DaVinci Intermediate with DaVinci Wide Gamut.
+        DaVinci,
+    }
+}
+
+impl FileEncoding {
+    /// The colour space that is declared; `None` for `Auto` and `Data`.
+    fn space(self) -> Option<Space> {
+        Some(match self {
+            FileEncoding::Auto | FileEncoding::Data => return None,
+            FileEncoding::Srgb => Space::Srgb,
+            FileEncoding::Linear => Space::LinearRec709,
+            FileEncoding::Rec709 => Space::Rec709,
+            FileEncoding::DisplayP3 => Space::DisplayP3,
+            FileEncoding::Rec2020 => Space::Rec2020,
+            FileEncoding::LinearP3 => Space::LinearP3,
+            FileEncoding::LinearRec2020 => Space::LinearRec2020,
+            FileEncoding::AcesCg => Space::AcesCg,
+            FileEncoding::Aces2065 => Space::Aces2065,
+            FileEncoding::AcesCct => Space::AcesCct,
+            FileEncoding::LogC3 => Space::LogC3,
+            FileEncoding::LogC4 => Space::LogC4,
+            FileEncoding::SLog3 => Space::SLog3,
+            FileEncoding::SLog3Cine => Space::SLog3Cine,
+            FileEncoding::VLog => Space::VLog,
+            FileEncoding::DaVinci => Space::DaVinci,
+        })
     }
 }
 
@@ -64,11 +119,11 @@ pub(crate) fn decode(
     notes: &mut Notes,
     progress: Progress<'_>,
 ) -> Result<Picture, Error> {
-    let (width, height, channels, samples, linear) = match bytes {
+    let mut decoded = match bytes {
         [0x89, b'P', b'N', b'G', ..] => {
-            whole(png::read_for(name, bytes, progress)?, encoding, notes, progress)?
+            of_raster(png::read_for(name, bytes, progress)?, encoding, notes, progress)?
         }
-        [0xff, 0xd8, ..] => whole(jpeg::read_for(name, bytes, progress)?, encoding, notes, progress)?,
+        [0xff, 0xd8, ..] => of_raster(jpeg::read_for(name, bytes, progress)?, encoding, notes, progress)?,
         [b'#', b'?', ..] => {
             let picture = hdr::read_for(name, bytes, progress)?;
             for line in &picture.ignored {
@@ -77,40 +132,56 @@ pub(crate) fn decode(
                     format!("the line `{line}` of the header is not understood and is ignored"),
                 );
             }
-            if exr::differ_from_srgb(picture.primaries.as_ref()) {
-                notes.warning("profile-ignored", OTHER_PRIMARIES);
-            }
-            (picture.width, picture.height, 3, picture.rgb, true)
+            let colour = stated(picture.primaries, encoding, notes);
+            Decoded { size: (picture.width, picture.height, 3), samples: picture.rgb, colour, linear: true }
         }
         [0x76, 0x2f, 0x31, 0x01, ..] => {
             let opened = exr::open(name, bytes, of_layer)?;
-            tell(&opened, of_layer.is_empty(), notes);
+            report_choice(&opened, of_layer.is_empty(), notes);
             let found = layer(name, &opened)?;
             let (width, height) = opened.size();
-            (width, height, found.len(), opened.interleaved(&found, progress)?, true)
+            let samples = opened.interleaved(&found, progress)?;
+            // Vectors are not colours.
+            let vector = found.last().is_some_and(|name| name.ends_with('Z'));
+            let colour = stated(opened.primaries().filter(|_| !vector), encoding, notes);
+            Decoded { size: (width, height, found.len()), samples, colour, linear: true }
         }
         _ => {
             refuse_foreign(name, bytes)?;
             return Err(Error::format(name, "the file is not a PNG, JPEG, OpenEXR or Radiance HDR picture"));
         }
     };
-    let encoding = match encoding {
-        FileEncoding::Auto if linear => FileEncoding::Linear,
-        FileEncoding::Auto => FileEncoding::Srgb,
-        given => given,
-    };
-    let samples = finite(samples, encoding == FileEncoding::Data, notes, progress)?;
-    Ok(match encoding {
-        FileEncoding::Linear => Image::<Linear>::from_samples(width, height, channels, samples).into(),
-        FileEncoding::Data => Image::<Data>::from_samples(width, height, channels, samples).into(),
-        _ => Image::<Srgb>::from_samples(width, height, channels, samples).into(),
+    let (width, height, channels) = decoded.size;
+    let data = encoding == FileEncoding::Data;
+    let mut samples = finite(std::mem::take(&mut decoded.samples), data, notes, progress)?;
+    // A declared space replaces what the file says.
+    let source = encoding.space().map(SourceColour::Space).or(decoded.colour);
+    let linear = source.as_ref().map_or(decoded.linear, SourceColour::is_scene);
+    if let Some(source) = source.filter(|source| !data && !source.is_working()) {
+        source.convert(&mut samples, channels, progress)?;
+    }
+    Ok(if data {
+        Image::<Data>::from_samples(width, height, channels, samples).into()
+    } else if linear {
+        Image::<Linear>::from_samples(width, height, channels, samples).into()
+    } else {
+        Image::<Srgb>::from_samples(width, height, channels, samples).into()
     })
 }
 
-type Decoded = (usize, usize, usize, Vec<f32>, bool);
+/// A decoded picture before its colours are converted.
+struct Decoded {
+    /// Columns, rows, and samples per pixel.
+    size: (usize, usize, usize),
+    samples: Vec<f32>,
+    /// The colour that the file states, if it needs a conversion.
+    colour: Option<SourceColour>,
+    /// True if pictures of this format hold linear light unless they state something else.
+    linear: bool,
+}
 
 /// Converts integer codes to floats. Colours become RGB or RGBA; data keeps its number of channels.
-fn whole(
+fn of_raster(
     raster: Raster,
     encoding: FileEncoding,
     notes: &mut Notes,
@@ -123,22 +194,44 @@ fn whole(
         FileEncoding::Data => (raster.channels, raster.samples()),
         _ => raster.colours(progress)?,
     };
-    let linear = raster.linear && encoding == FileEncoding::Auto;
-    if linear {
-        notes.decision(
-            "linear-profile",
-            "the colour profile of the file declares linear light, so the picture is read as linear",
-        );
+    let colour = raster.colour.filter(|_| encoding == FileEncoding::Auto);
+    if let Some(colour) = &colour {
+        let what = match colour {
+            SourceColour::Icc(profile) if profile.name.is_empty() => "an ICC profile".to_owned(),
+            SourceColour::Icc(profile) => format!("the ICC profile `{}`", profile.name),
+            SourceColour::Space(space) => format!("code points (cICP) of {space:?}"),
+            SourceColour::Linear(_) => "chromaticities".to_owned(),
+        };
+        let (id, as_what) = if colour.is_scene() {
+            ("linear-profile", "linear light")
+        } else {
+            ("profile-applied", "sRGB, without clipping")
+        };
+        notes.decision(id, format!("the file has {what}, by which its colours were converted to {as_what}"));
     }
-    Ok((raster.width, raster.height, channels, samples, linear))
+    Ok(Decoded { size: (raster.width, raster.height, channels), samples, colour, linear: false })
 }
 
-/// Text of the warning about primaries that differ from those of sRGB.
-const OTHER_PRIMARIES: &str =
-    "the chromaticities of the file differ from sRGB and are ignored; convert the picture to linear Rec. 709";
+/// The conversion from chromaticities that a file states, if they differ from those of Rec.709.
+fn stated(xy: Option<[[f32; 2]; 4]>, encoding: FileEncoding, notes: &mut Notes) -> Option<SourceColour> {
+    let xy = xy.filter(|xy| encoding == FileEncoding::Auto && exr::differ_from_srgb(Some(xy)))?;
+    let colour = SourceColour::linear(xy);
+    if colour.is_some() {
+        notes.decision(
+            "primaries-applied",
+            "the file states chromaticities other than those of Rec.709; its colours were converted to Rec.709",
+        );
+    } else {
+        notes.warning(
+            "profile-ignored",
+            "the chromaticities of the file span no colour space and are ignored; set `encoding`",
+        );
+    }
+    colour
+}
 
 /// Adds notes about parts of an EXR file that are ignored.
-fn tell(file: &exr::Opened<'_>, by_default: bool, notes: &mut Notes) {
+fn report_choice(file: &exr::Opened<'_>, by_default: bool, notes: &mut Notes) {
     if file.parts() > 1 && by_default {
         notes.warning(
             "one-part-only",
@@ -149,9 +242,6 @@ fn tell(file: &exr::Opened<'_>, by_default: bool, notes: &mut Notes) {
                 file.part_names().join(", ")
             ),
         );
-    }
-    if exr::differ_from_srgb(file.primaries().as_ref()) {
-        notes.warning("profile-ignored", OTHER_PRIMARIES);
     }
     if file.cropped() {
         notes.decision(
@@ -248,8 +338,7 @@ mod tests {
     }
     fn png_of(channels: usize, largest: u16, codes: Vec<u16>) -> Vec<u8> {
         let width = codes.len() / channels;
-        let raster =
-            Raster { width, height: 1, channels, largest, codes, ignored: Vec::new(), linear: false };
+        let raster = Raster { width, height: 1, channels, largest, codes, ignored: Vec::new(), colour: None };
         png::write(&raster, false, &[]).unwrap_or_else(|e| panic!("{e}"))
     }
 

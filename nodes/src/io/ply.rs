@@ -1,6 +1,8 @@
 //! PLY files: the header, then rows of scalars and lists, ASCII or binary in either byte order. No crate is used,
 //! since crates for PLY allocate memory by the counts in the header, which are arbitrary in a hostile file.
 
+use std::borrow::Cow;
+
 use super::foreign::{BYTE_ORDER_MARK, refuse_foreign};
 use crate::error::Error;
 
@@ -148,29 +150,49 @@ pub struct Header {
 /// Maximum length of a header, in bytes.
 const HEADER_LIMIT: usize = 1 << 20;
 
+/// Last byte of each line of a header, from its first line. Lines end with a line feed, with a carriage return and a
+/// line feed, or, as programs of old Macintosh computers write them, with a carriage return only. `None` if the first
+/// line has no end.
+fn line_end(bytes: &[u8]) -> Option<u8> {
+    let first = bytes.iter().position(|byte| matches!(byte, b'\n' | b'\r'))?;
+    // Text that was converted twice has several carriage returns before a line feed.
+    let after = bytes[first..].iter().find(|byte| **byte != b'\r');
+    let alone = bytes[first] == b'\r' && after != Some(&b'\n');
+    Some(if alone { b'\r' } else { b'\n' })
+}
+
+/// The text of a line of a header. Programs write comments and names in UTF-8, or in an encoding of 8 bits, which is
+/// read as Latin-1.
+fn line_text(line: &[u8]) -> Cow<'_, str> {
+    match std::str::from_utf8(line) {
+        Ok(text) => Cow::Borrowed(text),
+        Err(_) => Cow::Owned(line.iter().map(|byte| char::from(*byte)).collect()),
+    }
+}
+
 /// Reads the header. `file` names the file in errors.
 pub fn header(file: &str, bytes: &[u8]) -> Result<Header, Error> {
     let bad = |what: String| Error::format(file, what);
     let mark = if bytes.starts_with(BYTE_ORDER_MARK) { BYTE_ORDER_MARK.len() } else { 0 };
     let first = bytes.get(mark..).unwrap_or_default();
     refuse_foreign(file, bytes)?;
-    let length = first.len();
-    let first = first.split(|byte| *byte == b'\n').next().unwrap_or_default();
-    if first.len() == length || first.trim_ascii_end() != b"ply" {
+    let line_end = line_end(first).filter(|line_end| {
+        first.split(|byte| byte == line_end).next().is_some_and(|first| first.trim_ascii_end() == b"ply")
+    });
+    let Some(line_end) = line_end else {
         return Err(bad("not a PLY file: it does not start with the line `ply`".to_owned()));
-    }
+    };
     let (mut format, mut elements, mut comments) = (None, Vec::<Element>::new(), Vec::new());
     let mut at = mark;
     for number in 1.. {
         let rest = bytes.get(at..).unwrap_or_default();
-        let end = rest.iter().take(HEADER_LIMIT).position(|&b| b == b'\n');
+        let end = rest.iter().take(HEADER_LIMIT).position(|&b| b == line_end);
         let Some(end) = end else {
             return Err(bad(format!("the header ends in line {number} without `end_header`")));
         };
         at += end + 1;
-        let line = std::str::from_utf8(&rest[..end])
-            .map_err(|_| bad(format!("line {number} of the header is not UTF-8")))?
-            .trim_end();
+        let line = line_text(&rest[..end]);
+        let line = line.trim_end();
         let words: Vec<&str> = line.split_ascii_whitespace().collect();
         let odd = || bad(format!("line {number} of the header, `{line}`, is not understood"));
         let named = |word: &str| {

@@ -3,14 +3,16 @@
 use std::io::Read as _;
 
 use flate2::read::ZlibDecoder;
-use png::{BitDepth, ColorType, Decoder, Encoder, Limits, Transformations};
+use png::{BitDepth, CodingIndependentCodePoints, ColorType, Decoder, Encoder, Limits, Transformations};
 
 use super::icc;
 pub use super::png_pack::Packing;
 use super::png_pack::pack;
 use super::progress::{Progress, TrackedReader};
 pub use super::raster::Raster;
+use super::source_colour::SourceColour;
 use crate::error::Error;
+use crate::math::color::space::Space;
 
 /// Maximum number of samples of a picture.
 const SAMPLE_LIMIT: u64 = 1 << 31;
@@ -56,10 +58,19 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Rast
     let mut reader = decoder.read_info().map_err(bad)?;
     let info = reader.info();
     let (width, height) = (info.width, info.height);
-    let (mut ignored, mut linear) = (Vec::new(), false);
-    if info.srgb.is_none() {
+    let (mut ignored, mut colour) = (Vec::new(), None);
+    // A code of H.273 takes precedence over a profile, and that over the sRGB chunk (PNG, third edition, 4.3).
+    if let Some(code) = info.coding_independent_code_points {
+        match space_of(code) {
+            Some(space) => colour = (space != Space::Srgb).then_some(SourceColour::Space(space)),
+            None => ignored.push(format!(
+                "a colour space with the code points {}, {}, {} (cICP)",
+                code.color_primaries, code.transfer_function, code.matrix_coefficients
+            )),
+        }
+    } else if info.srgb.is_none() {
         if let Some(meaning) = profile(bytes) {
-            linear = meaning.linear;
+            colour = meaning.profile.map(|profile| SourceColour::Icc(Box::new(profile)));
             ignored.extend(meaning.ignored);
         }
         if let Some(gamma) = info.gama_chunk.map(|g| g.into_value())
@@ -94,7 +105,32 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Rast
         progress.over(&raw, |raw| codes.extend(raw.iter().map(|&code| u16::from(code))))?;
     }
     let largest = if wide { 65_535 } else { 255 };
-    Ok(Raster { width, height, channels, largest, codes, ignored, linear })
+    Ok(Raster { width, height, channels, largest, codes, ignored, colour })
+}
+
+/// Code points of the spaces that files of displays use, as (primaries, transfer function) of ITU-T H.273. Those of
+/// television share one transfer function, which displays decode by BT.1886.
+const CODE_POINTS: [(Space, u8, u8); 6] = [
+    (Space::Srgb, 1, 13),
+    (Space::Rec709, 1, 1),
+    (Space::DisplayP3, 12, 13),
+    (Space::Rec2020, 9, 14),
+    (Space::LinearRec709, 1, 8),
+    (Space::LinearRec2020, 9, 8),
+];
+
+/// The space of a chunk `cICP` that this program knows.
+fn space_of(code: CodingIndependentCodePoints) -> Option<Space> {
+    // The transfer functions 6, 14 and 15 have the same values as 1.
+    let transfer = |t: u8| if matches!(t, 6 | 14 | 15) { 1 } else { t };
+    let rgb = code.matrix_coefficients == 0 && code.is_video_full_range_image;
+    CODE_POINTS
+        .iter()
+        .find(|(_, primaries, t)| {
+            *primaries == code.color_primaries && transfer(*t) == transfer(code.transfer_function)
+        })
+        .filter(|_| rgb)
+        .map(|(space, ..)| *space)
 }
 
 /// The meaning of the colour profile of a PNG; `None` if it has no profile. Inflates at most [`icc::LARGEST`]
@@ -115,7 +151,7 @@ fn profile(bytes: &[u8]) -> Option<icc::Meaning> {
                     Ok(_) if inflated.len() <= icc::LARGEST => icc::meaning(&inflated),
                     Ok(_) => {
                         let text = format!("an ICC profile of more than {} MiB", icc::LARGEST >> 20);
-                        icc::Meaning { linear: false, ignored: Some(text) }
+                        icc::Meaning { profile: None, ignored: Some(text) }
                     }
                     Err(_) => icc::meaning(&[]),
                 });
@@ -131,18 +167,19 @@ fn profile(bytes: &[u8]) -> Option<icc::Meaning> {
 /// with 16. `srgb` declares that colour samples are sRGB-encoded. `texts` holds the keyword and the text of each entry of the metadata.
 /// Filter and compression are fixed.
 pub fn write(raster: &Raster, srgb: bool, texts: &[(&str, &str)]) -> Result<Vec<u8>, Error> {
-    write_for(raster, Packing::Small, srgb, texts, Progress::UNTRACKED)
+    write_for(raster, Packing::Small, srgb.then_some(Space::Srgb), texts, Progress::UNTRACKED)
 }
 
-/// Like [`write()`], with progress, cancellation and a given compression effort.
+/// Like [`write()`], with progress, cancellation and a given compression effort. `space` is the space of the colour
+/// samples, which the file states: sRGB by its own chunk, others by code points (`cICP`).
 pub fn write_for(
     raster: &Raster,
     packing: Packing,
-    srgb: bool,
+    space: Option<Space>,
     texts: &[(&str, &str)],
     progress: Progress<'_>,
 ) -> Result<Vec<u8>, Error> {
-    write_all(std::slice::from_ref(raster), None, packing, srgb, texts, progress)
+    write_all(std::slice::from_ref(raster), None, packing, space, texts, progress)
 }
 
 /// Writes frames of equal size and type as an animated PNG. `delay` is the duration of a frame as a fraction of a
@@ -155,7 +192,7 @@ pub fn write_frames(
     texts: &[(&str, &str)],
     progress: Progress<'_>,
 ) -> Result<Vec<u8>, Error> {
-    write_all(frames, Some((delay, plays)), Packing::Small, srgb, texts, progress)
+    write_all(frames, Some((delay, plays)), Packing::Small, srgb.then_some(Space::Srgb), texts, progress)
 }
 
 type Animation = ((u16, u16), u32);
@@ -164,7 +201,7 @@ fn write_all(
     frames: &[Raster],
     animation: Option<Animation>,
     packing: Packing,
-    srgb: bool,
+    space: Option<Space>,
     texts: &[(&str, &str)],
     progress: Progress<'_>,
 ) -> Result<Vec<u8>, Error> {
@@ -181,7 +218,7 @@ fn write_all(
         _ => ColorType::Rgba,
     });
     encoder.set_depth(if first.largest == 255 { BitDepth::Eight } else { BitDepth::Sixteen });
-    if srgb {
+    if space == Some(Space::Srgb) {
         encoder.set_source_srgb(png::SrgbRenderingIntent::RelativeColorimetric);
     }
     if let Some((_, plays)) = animation {
@@ -191,6 +228,13 @@ fn write_all(
         encoder.add_itxt_chunk((*keyword).to_owned(), (*text).to_owned()).map_err(fail)?;
     }
     let mut writer = encoder.write_header().map_err(fail)?;
+    if let Some(space) = space.filter(|space| *space != Space::Srgb) {
+        let Some((_, primaries, transfer)) = CODE_POINTS.iter().find(|(known, ..)| *known == space) else {
+            return Err(Error::Mismatch(format!("a PNG cannot state the colour space {space:?}")));
+        };
+        // Matrix coefficients 0: RGB. The last byte declares the full range of codes.
+        writer.write_chunk(png::chunk::ChunkType(*b"cICP"), &[*primaries, *transfer, 0, 1]).map_err(fail)?;
+    }
     let mut sequence = 0_u32;
     for (index, frame) in frames.iter().enumerate() {
         let packed = pack(frame, packing, progress.piece(index, frames.len()))?;
@@ -235,7 +279,7 @@ pub(crate) mod tests {
         let codes = (0..width * height * channels)
             .map(|i| ((i * 7919) % (usize::from(largest) + 1)) as u16)
             .collect();
-        Raster { width, height, channels, largest, codes, ignored: Vec::new(), linear: false }
+        Raster { width, height, channels, largest, codes, ignored: Vec::new(), colour: None }
     }
 
     #[test]
@@ -337,7 +381,7 @@ pub(crate) mod tests {
         let linear =
             icc::tests::profile("Linear sRGB", &ColorProfile::new_srgb(), ToneReprCurve::Lut(vec![]));
         let read = super::read("a.png", &with_profile(&linear)).expect("reads");
-        assert!(read.linear && read.ignored.is_empty());
+        assert!(read.colour.is_some_and(|colour| colour.is_scene()) && read.ignored.is_empty());
     }
 
     /// Pictures of one pixel, of prime sizes, and of 30,000 columns or rows are unchanged after writing and
@@ -348,15 +392,8 @@ pub(crate) mod tests {
         assert!(believable("a", 1 << 32, 1 << 32, 1, usize::MAX, 1).is_err());
         for (width, height) in [(1, 1), (30_000, 7), (3, 30_011), (127, 61)] {
             let codes = (0..width * height * 3).map(|i| (i % 251) as u16).collect();
-            let raster = Raster {
-                width,
-                height,
-                channels: 3,
-                largest: 255,
-                codes,
-                ignored: Vec::new(),
-                linear: false,
-            };
+            let raster =
+                Raster { width, height, channels: 3, largest: 255, codes, ignored: Vec::new(), colour: None };
             let bytes = write(&raster, true, &[]).unwrap_or_else(|e| panic!("{e}"));
             let same = read("a.png", &bytes).is_ok_and(|back| back == raster);
             row(65, "sizes that do not come back", f64::from(u8::from(!same)), 0.0);

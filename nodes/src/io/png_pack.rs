@@ -183,7 +183,7 @@ mod tests {
             ((i * 7 / channels) as u32 % 1999 + (state >> 8) % noise) as u16 & largest
         };
         let codes = (0..width * height * channels).map(&mut code).collect();
-        Raster { width, height, channels, largest, codes, ignored: Vec::new(), linear: false }
+        Raster { width, height, channels, largest, codes, ignored: Vec::new(), colour: None }
     }
 
     /// The data that the library writes for the whole picture.
@@ -223,7 +223,7 @@ mod tests {
                     let raster = raster(width, height, channels, largest, noise);
                     for packing in [Packing::Small, Packing::Fast] {
                         let made =
-                            super::super::png::write_for(&raster, packing, false, &[], Progress::UNTRACKED);
+                            super::super::png::write_for(&raster, packing, None, &[], Progress::UNTRACKED);
                         let what = format!("{width}x{height}x{channels}, {largest}, {noise}, {packing:?}");
                         assert!(made.is_ok_and(|made| made == at_once(&raster, packing)), "{what}");
                     }

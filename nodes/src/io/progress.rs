@@ -176,6 +176,7 @@ mod tests {
     use super::*;
     use crate::io::png::{Packing, Raster};
     use crate::io::{exr, hdr, jpeg, png};
+    use crate::math::color::primaries::REC709;
 
     fn cx() -> Context {
         Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false }, ".")
@@ -198,7 +199,7 @@ mod tests {
         let noise = |i: usize| ((i as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 56) as u16;
         let codes = (0..width * height * 3).map(noise).collect();
         let raster =
-            Raster { width, height, channels: 3, largest: 255, codes, ignored: Vec::new(), linear: false };
+            Raster { width, height, channels: 3, largest: 255, codes, ignored: Vec::new(), colour: None };
         let planes = || {
             let samples: Vec<f32> = (0..width * height).map(|i| f32::from(noise(i))).collect();
             ["R", "G", "B"].map(|name| {
@@ -210,16 +211,17 @@ mod tests {
         let png_bytes = png::write(&raster, true, &[]).expect("packs");
         let jpeg_bytes = jpeg::write(&raster, 80, None).expect("packs");
         let exr_bytes = exr::write(width, height, planes().into(), "", None).expect("packs").0;
+        let attributes = exr::Attributes { encoding: "", recipe: None, primaries: &REC709 };
         type Work<'a> = Box<dyn Fn(Progress<'_>) -> bool + 'a>;
         let works: [(&str, Work<'_>); 9] = [
             ("read PNG", Box::new(|s| png::read_for("a", &png_bytes, s).is_ok())),
             ("read JPEG", Box::new(|s| jpeg::read_for("a", &jpeg_bytes, s).is_ok())),
             ("read EXR", Box::new(|s| exr::read_for("a", &exr_bytes, s).is_ok())),
             ("read HDR", Box::new(|s| hdr::read_for("a", &radiance, s).is_ok())),
-            ("pack PNG", Box::new(|s| png::write_for(&raster, Packing::Small, true, &[], s).is_ok())),
-            ("pack PNG fast", Box::new(|s| png::write_for(&raster, Packing::Fast, true, &[], s).is_ok())),
+            ("pack PNG", Box::new(|s| png::write_for(&raster, Packing::Small, None, &[], s).is_ok())),
+            ("pack PNG fast", Box::new(|s| png::write_for(&raster, Packing::Fast, None, &[], s).is_ok())),
             ("pack JPEG", Box::new(|s| jpeg::write_for(&raster, 80, None, s).is_ok())),
-            ("pack EXR", Box::new(|s| exr::write_for(width, height, planes().into(), "", None, s).is_ok())),
+            ("pack EXR", Box::new(|s| exr::write_for(width, height, planes().into(), attributes, s).is_ok())),
             (
                 "pack frames",
                 Box::new(|s| {

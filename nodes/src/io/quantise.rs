@@ -2,8 +2,11 @@
 
 use engine::{Context, NodeError, Notes};
 
+use super::cube::CubeLut;
 use super::png::Raster;
-use crate::math::color::srgb_from_linear;
+use crate::math::color::space::{Conversion, Space};
+use crate::math::color::view::{Display, View};
+use crate::math::num;
 use crate::types::Picture;
 
 engine::choices! {
@@ -13,6 +16,77 @@ engine::choices! {
         Drop,
         /// Straight alpha: the file has alpha, and colours are divided by it.
         Straight,
+    }
+}
+
+engine::choices! {
+    /// Colour space of a display.
+    pub enum DisplaySpace {
+        /// sRGB.
+        Srgb,
+        /// Display P3, for wide-gamut screens.
+        DisplayP3,
+        /// Rec.709 video, for a display of BT.1886 (gamma 2.4).
+        Rec709,
+        /// Rec.2020 video, for a display of BT.1886 (gamma 2.4).
+        Rec2020,
+    }
+}
+impl DisplaySpace {
+    /// The colour space.
+    pub fn space(self) -> Space {
+        match self {
+            DisplaySpace::Srgb => Space::Srgb,
+            DisplaySpace::DisplayP3 => Space::DisplayP3,
+            DisplaySpace::Rec709 => Space::Rec709,
+            DisplaySpace::Rec2020 => Space::Rec2020,
+        }
+    }
+}
+
+/// How pictures are shown on a display.
+#[derive(Debug, Clone)]
+pub(crate) struct Shown {
+    linear: Look,
+    encoded: Conversion,
+}
+
+/// How linear light is shown.
+#[derive(Debug, Clone)]
+enum Look {
+    View(Display),
+    Lut { gain: f32, input: Conversion, lut: CubeLut },
+}
+
+impl Look {
+    fn apply(&self, light: [f32; 3]) -> [f32; 3] {
+        match self {
+            Look::View(display) => display.apply(light),
+            Look::Lut { gain, input, lut } => lut.apply(input.apply(light.map(|v| v * gain))),
+        }
+    }
+}
+
+impl Shown {
+    /// On a display with the colour space `space`: linear light with a view transform after a gain of
+    /// `2^exposure`, display-encoded colours as they are.
+    pub fn on(space: Space, view: View, exposure: f64) -> Self {
+        let linear = Look::View(Display::new(view, exposure, space));
+        Self { linear, encoded: Conversion::new(Space::Srgb, space) }
+    }
+
+    /// On a display with the colour space `space`: linear light after a gain of `2^exposure` is encoded in `input`
+    /// and passes a lookup table, display-encoded colours stay as they are.
+    pub fn by(lut: CubeLut, input: Space, exposure: f64, space: Space) -> Self {
+        let input = Conversion::new(Space::LinearRec709, input);
+        let linear = Look::Lut { gain: num::f64::exp2(exposure) as f32, input, lut };
+        Self { linear, encoded: Conversion::new(Space::Srgb, space) }
+    }
+}
+
+impl Default for Shown {
+    fn default() -> Self {
+        Self::on(Space::Srgb, View::Standard, 0.0)
     }
 }
 
@@ -31,7 +105,7 @@ impl Lost {
         self.not_a_number += other.not_a_number;
     }
 
-    pub fn tell(self, view: &str, notes: &mut Notes) {
+    pub fn report(self, view: &str, notes: &mut Notes) {
         if self.not_a_number > 0 {
             notes.degraded(
                 "not-a-number",
@@ -55,6 +129,7 @@ pub(crate) fn quantise(
     picture: &Picture,
     wide: bool,
     alpha: AlphaOutput,
+    shown: &Shown,
     cx: &Context,
 ) -> Result<(Raster, Lost), NodeError> {
     let (width, height, channels) = picture.size();
@@ -68,7 +143,6 @@ pub(crate) fn quantise(
     }
     let keep_alpha = has_alpha && alpha == AlphaOutput::Straight;
     let largest = if wide { 65_535_u16 } else { 255 };
-    let linear = matches!(picture, Picture::Linear(_));
     // Linear light is encoded after division by alpha, since the curve is not linear. Display values and data on
     // black are not changed.
     let row = |y: usize| {
@@ -78,11 +152,15 @@ pub(crate) fn quantise(
             let at = (y * width + x) * channels;
             let pixel = &picture.samples()[at..at + channels];
             let a = if has_alpha { pixel[channels - 1] } else { 1.0 };
-            for &value in &pixel[..colours] {
-                let value = if keep_alpha && a > 0.0 { value / a } else { value };
-                let shown = if linear { srgb_from_linear(value) } else { value };
-                codes.push(code(shown, largest, &mut lost));
-            }
+            let straight = |value: f32| if keep_alpha && a > 0.0 { value / a } else { value };
+            let rgb = if colours == 3 { [pixel[0], pixel[1], pixel[2]] } else { [pixel[0]; 3] };
+            let rgb = rgb.map(straight);
+            let rgb = match picture {
+                Picture::Linear(_) => shown.linear.apply(rgb),
+                Picture::Srgb(_) => shown.encoded.apply(rgb),
+                Picture::Data(_) => rgb,
+            };
+            codes.extend(rgb[..colours].iter().map(|value| code(*value, largest, &mut lost)));
             if keep_alpha {
                 codes.push(code(a, largest, &mut lost));
             }
@@ -97,7 +175,7 @@ pub(crate) fn quantise(
         lost.add(row_lost);
     }
     let channels = colours + usize::from(keep_alpha);
-    Ok((Raster { width, height, channels, largest, codes, ignored: Vec::new(), linear: false }, lost))
+    Ok((Raster { width, height, channels, largest, codes, ignored: Vec::new(), colour: None }, lost))
 }
 
 fn code(value: f32, largest: u16, lost: &mut Lost) -> u16 {

@@ -1,6 +1,7 @@
 //! Decoded pictures with integer codes.
 
 use super::progress::Progress;
+use super::source_colour::SourceColour;
 use crate::error::Error;
 
 /// A decoded picture of integer codes, as stored: not linearised, with straight alpha.
@@ -16,8 +17,8 @@ pub struct Raster {
     pub largest: u16,
     /// Codes, row by row.
     pub codes: Vec<u16>,
-    /// True if codes are linear light according to the colour profile.
-    pub linear: bool,
+    /// How the file says that its colours are encoded; `None` for sRGB, and for files that do not say.
+    pub colour: Option<SourceColour>,
     /// Metadata of the file that is not used, such as a gamma other than that of sRGB.
     pub ignored: Vec<String>,
 }

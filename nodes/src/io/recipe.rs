@@ -69,7 +69,7 @@ mod tests {
             largest: 255,
             codes: vec![7; 3],
             ignored: vec![],
-            linear: false,
+            colour: None,
         };
         let packed = |length: usize| {
             let mut bytes = Vec::new();
@@ -103,7 +103,7 @@ mod tests {
             largest: 255,
             codes: vec![7; 18],
             ignored: Vec::new(),
-            linear: false,
+            colour: None,
         };
         let channel = exr::Channel { name: "Y".to_owned(), samples: vec![0.5; 6] };
         let files = [

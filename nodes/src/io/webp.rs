@@ -6,6 +6,7 @@ use image_webp::{DecodingError, WebPDecoder};
 
 use super::icc;
 use super::png::{Raster, believable};
+use super::source_colour::SourceColour;
 use crate::error::Error;
 
 /// Reads a still WebP, lossy or lossless, as RGB or RGBA codes.
@@ -31,7 +32,7 @@ pub fn read(file: &str, bytes: &[u8]) -> Result<Raster, Error> {
         largest: 255,
         codes: codes.into_iter().map(u16::from).collect(),
         ignored: Vec::from_iter(meaning.ignored),
-        linear: meaning.linear,
+        colour: meaning.profile.map(|profile| SourceColour::Icc(Box::new(profile))),
     })
 }
 

@@ -18,8 +18,8 @@ engine::params! {
         box_min: Option<[f64; 3]> = None, other("(0.2, -1.0, -1.0)"), unit("world units");
         /// Corner of the box with the largest world coordinates. The default is a box without upper bounds.
         box_max: Option<[f64; 3]> = None, other("(0.5, 1.0, 1.0)"), unit("world units");
-        /// Maximum height of the triangles that are kept, along the up axis of the scene. The default is no
-        /// maximum.
+        /// Maximum height of the triangles that are kept, along the up axis of the scene. By default, the height is
+        /// not limited.
         below_height: Option<f64> = None, other("0.5"), unit("world units");
     }
 }

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use engine::{Context, Cost, FileHead, InputFile, Keep, Kind, NodeError, Notes, SourceFile, SourceRoot};
 
+use crate::geometry::inward;
 use crate::io::foreign::json_text;
 use crate::io::gltf::object::{object, sources};
 use crate::io::gltf::{self, Want};
@@ -20,8 +21,8 @@ engine::params! {
     ///
     /// Materials are metallic-roughness with all their textures and with these KHR extensions: transmission,
     /// volume, ior, clearcoat, sheen, specular, anisotropy, iridescence, diffuse transmission, emissive strength,
-    /// unlit. Specular-glossiness materials keep their diffuse colour and glossiness, and lose their specular
-    /// colour. A file that requires any other extension is refused. An optional extension that is not supported is
+    /// unlit. Specular-glossiness materials are converted to the extensions ior and specular.
+    /// A file that requires any other extension is refused. An optional extension that is not supported is
     /// reported; if its effect would be visible, the result is marked as degraded.
     pub struct LoadObject {
         /// The file: `.glb`, `.stl`, or `.gltf` and `.obj` with the files that they refer to.
@@ -44,7 +45,7 @@ engine::outputs! {
 
 impl Kind for LoadObject {
     const NAME: &'static str = "load-object";
-    const VERSION: u32 = 5;
+    const VERSION: u32 = 6;
     const STORE: Keep = Keep::Cheap;
     type Params = Self;
     type In = In;
@@ -57,20 +58,22 @@ impl Kind for LoadObject {
     fn estimate_files(_: &Self, files: &[FileHead<'_>]) -> Cost {
         let all = files.iter().fold(0, |sum: u64, file| sum.saturating_add(file.bytes));
         // External and embedded pictures: in the worst case all are decoded at the same time.
-        let beside = files.iter().filter_map(|file| Head::read(&mut file.open()?));
-        let pictures = beside.chain(files.first().into_iter().flat_map(pictures_inside));
+        let external = files.iter().filter_map(|file| Head::read(&mut file.open()?));
+        let pictures = external.chain(files.first().into_iter().flat_map(pictures_inside));
         let texels = pictures.map(|head| head.as_texels()[0]).fold(0, u64::saturating_add);
-        // The files, their geometry as floats, again as triangles of the object, and the places of the vertices.
+        // The files, their geometry as floats, again as triangles of the object, and the edges of the triangles with
+        // the places of the vertices.
         // The text of an OBJ file is read to lists and a table of corners first.
         let foreign = files.first().is_some_and(|file| Foreign::of(file.name).is_some());
-        Cost { bytes: all.saturating_mul(if foreign { 16 } else { 4 }).saturating_add(texels) }
+        Cost { bytes: all.saturating_mul(if foreign { 16 } else { 10 }).saturating_add(texels) }
     }
 
     fn run(p: &Self, _inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
         let mut notes = Notes::none();
         let bytes = cx.read(&p.path).map_err(|e| e.at("path"))?;
-        let object =
+        let mut object =
             object(&p.path, &bytes, Want::Everything, p.scene, cx, &mut notes).map_err(|e| e.at("path"))?;
+        inward::turn(&mut object.primitives, &object.materials, cx, &mut notes)?;
         let triangles: usize = object.primitives.iter().map(|part| part.triangles.len()).sum();
         cx.count("triangles", triangles as u64);
         Ok((Out { object: Arc::new(object) }, notes))

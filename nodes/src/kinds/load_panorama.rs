@@ -70,7 +70,7 @@ const HOLE_ALPHA: f32 = 0.5 / 255.0;
 
 impl Kind for LoadPanorama {
     const NAME: &'static str = "load-panorama";
-    const VERSION: u32 = 6;
+    const VERSION: u32 = 7;
     const READS: &'static [ContextField] = &[ContextField::Up];
     const STORE: Keep = Keep::Cheap;
     type Params = Self;
@@ -277,7 +277,7 @@ mod tests {
             largest: 255,
             codes,
             ignored: Vec::new(),
-            linear: false,
+            colour: None,
         };
         let bytes = png::write(&raster, false, &[]).expect("writes");
         let light = |out: &Out| out.env.image.samples.iter().map(|v| f64::from(*v)).sum::<f64>();
@@ -352,7 +352,7 @@ mod tests {
             largest: 255,
             codes,
             ignored: Vec::new(),
-            linear: false,
+            colour: None,
         };
         let (out, notes) = load(&png::write(&raster, false, &[]).expect("writes"), None).expect("loads");
         let Picture::Srgb(image) = &out.pano.image else { panic!("display colours") };
@@ -402,7 +402,7 @@ mod tests {
             largest: 255,
             codes,
             ignored: Vec::new(),
-            linear: false,
+            colour: None,
         };
         let text = "GPano:FullPanoWidthPixels='1600' GPano:FullPanoHeightPixels='800' GPano:CroppedAreaImageWidthPixels='800' \
             GPano:CroppedAreaImageHeightPixels='400' GPano:CroppedAreaLeftPixels='400' GPano:CroppedAreaTopPixels='200'";
@@ -428,7 +428,7 @@ mod tests {
             largest: 255,
             codes,
             ignored: Vec::new(),
-            linear: false,
+            colour: None,
         };
         let bytes = png::write(&raster, false, &[]).expect("writes");
         let (out, _) = load(&bytes, None).expect("loads");

@@ -4,12 +4,13 @@ use std::sync::Arc;
 
 use engine::{
     Context, ContextField, Cost, FileHead, InputFile, Keep, Kind, NodeError, Notes, SourceFile, SourceRoot,
+    Up,
 };
 use glam::DVec3;
 
 use crate::geometry::level::{self, LevelEstimate};
 use crate::io::splats::{Loaded, Placing, Reading, assemble, load, load_ranges, report, size, source};
-use crate::math::equirect;
+use crate::math::{equirect, num};
 use crate::types::Splats;
 use crate::types::frame::Similarity;
 
@@ -73,7 +74,7 @@ engine::outputs! {
 
 impl Kind for LoadSplats {
     const NAME: &'static str = "load-splats";
-    const VERSION: u32 = 4;
+    const VERSION: u32 = 5;
     const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
     const STORE: Keep = Keep::Cheap;
     const FOLDERS: bool = true;
@@ -115,7 +116,7 @@ impl Kind for LoadSplats {
         if splats.is_empty() {
             notes.degraded("no-splats", "the scene contains no splat that can be drawn");
         }
-        if let Some(text) = other_up(&splats, cx) {
+        if let Some(text) = other_up(&splats, params.matrix.as_ref(), cx)? {
             notes.warning("up-differs", text);
         }
         Ok((Out { splats: Arc::new(splats) }, notes))
@@ -154,7 +155,7 @@ impl LoadSplats {
         for (done, (field, piece)) in names.iter().enumerate() {
             let file = &piece.file;
             cx.progress(done as f32 / total);
-            let fetch = |name: &str| cx.read_beside(file, name);
+            let fetch = |name: &str| cx.read_sibling(file, name);
             let read = || {
                 let bytes = cx.read(file)?;
                 // Notes are part of the result, which does not depend on the location of the file.
@@ -185,45 +186,59 @@ impl LoadSplats {
     }
 }
 
-/// Number of splats that are used to find the up direction of the scene.
-const LEVELLED: usize = 1 << 16;
-/// Cosine of 25 degrees, the largest angle between two up directions that count as the same.
-const SAME_UP: f64 = 0.906;
+/// Largest angle in degrees between two up directions that count as the same. A reliable estimate is within 5
+/// degrees.
+const SAME_UP_DEG: f64 = 8.0;
 
 /// Text of a warning that the floor of the scene points to an up axis other than the up axis of the graph. `None`
-/// if they agree, or if the floor is not found with certainty.
-fn other_up(splats: &Splats, cx: &Context) -> Option<String> {
-    let step = splats.len().div_ceil(LEVELLED).max(1);
-    let few = || (0..splats.len()).step_by(step);
-    let width = splats.sh_len();
-    let sample = Splats {
-        means: few().map(|i| splats.means[i]).collect(),
-        means_low: few().filter_map(|i| splats.means_low.get(i).copied()).collect(),
-        quats: few().map(|i| splats.quats[i]).collect(),
-        scales: few().map(|i| splats.scales[i]).collect(),
-        opacities: few().map(|i| splats.opacities[i]).collect(),
-        sh_degree: 0,
-        sh: few().filter_map(|i| splats.sh.get(i * width).copied()).collect(),
-        encoding: splats.encoding,
-        antialiased: splats.antialiased,
-    };
-    let found = level::of_splats(&sample, None).filter(LevelEstimate::is_sure)?;
-    let up = DVec3::from_array(found.up);
-    if up.dot(equirect::axes(cx.up())[2]) > SAME_UP {
+/// if they agree, or if the floor is not found with certainty. `matrix` is the parameter of the loader.
+fn other_up(splats: &Splats, matrix: Option<&[f64; 16]>, cx: &Context) -> Result<Option<String>, NodeError> {
+    let Some(found) = level::of_sample(splats).filter(LevelEstimate::is_sure) else { return Ok(None) };
+    let turn = found.turn_to(equirect::axes(cx.up())[2]);
+    let turn = Similarity { rotation: turn, ..Similarity::IDENTITY };
+    let upright = turn.after(&Similarity::of_parameter(matrix)?);
+    Ok(up_text(DVec3::from_array(found.up), found.axis(), cx.up(), &upright))
+}
+
+/// Text of the warning for a scene whose measured up direction is `found`, which is also called `axis` if it is an
+/// axis. `upright` is the value of `matrix` that turns the scene upright. `None` if `found` agrees with `up`.
+fn up_text(found: DVec3, axis: Option<&str>, up: Up, upright: &Similarity) -> Option<String> {
+    let cosine = found.dot(equirect::axes(up)[2]);
+    let angle = num::f64::acos(cosine.clamp(-1.0, 1.0)).to_degrees();
+    if angle <= SAME_UP_DEG {
         return None;
     }
-    let [x, y, z] = found.up;
-    let found = found.axis().map_or_else(|| format!("({x:.3}, {y:.3}, {z:.3})"), str::to_owned);
+    let [x, y, z] = found.to_array();
+    let named = axis.map_or_else(|| format!("({x:.3}, {y:.3}, {z:.3})"), str::to_owned);
+    let other = [Up::PlusZ, Up::PlusY, Up::MinusY].into_iter().find(|other| axis == Some(other.name()));
+    let remedy = match other {
+        Some(other) => {
+            format!(
+                "set `up: \"{}\"` in the graph's scene, or set `frame` or `matrix` of this node",
+                other.name()
+            )
+        }
+        // The scene accepts no such axis.
+        None => {
+            // Adding 0 turns -0 into 0.
+            let rows: Vec<String> =
+                upright.rows().iter().map(|v| format!("{:?}", (v * 1e6).round() / 1e6 + 0.0)).collect();
+            format!(
+                "set `matrix: Some(({}))` on this node, and rotate the cameras and the mesh of the scene likewise",
+                rows.join(", ")
+            )
+        }
+    };
     Some(format!(
-        "judging by its floor, the up axis of the scene is {found}, but `up` of the graph's scene is {}; \
-         change `up`, or set `frame` or `matrix` of this node (`lightharmony inspect` shows the scene)",
-        cx.up().name()
+        "judging by its floor, the up axis of the scene is {named}, but `up` of the graph's scene is {}, {angle:.0} \
+         degrees away; {remedy} (`lightharmony inspect` shows the scene)",
+        up.name()
     ))
 }
 
 #[cfg(test)]
 mod tests {
-    use glam::DQuat;
+    use glam::{DMat3, DQuat};
 
     use super::*;
     use crate::io::splats::save::{SaveFormat, encode};
@@ -231,7 +246,7 @@ mod tests {
     use crate::types::Camera;
 
     /// A scene is reported if its floor and walls show that its up axis is -y, which is usual for INRIA files. This
-    /// test fails if `> SAME_UP` is changed to `< SAME_UP`.
+    /// test fails if `angle <= SAME_UP_DEG` is changed to `angle > SAME_UP_DEG`.
     #[test]
     fn another_axis_up_than_the_floor_says_is_reported() {
         let mut scene = Splats::empty();
@@ -255,13 +270,46 @@ mod tests {
             put([x, y + 0.5, 3.0], [0.05, 0.05, 0.002]);
             put([3.0, y + 0.5, x], [0.002, 0.05, 0.05]);
         }
-        let of = |up: engine::Up| {
+        let of = |up: Up| {
             let block = engine::Scene { up, metres_per_unit: 1.0, seed: 0, exhaustive: false };
-            other_up(&scene, &Context::detached(block, "."))
+            other_up(&scene, None, &Context::detached(block, ".")).unwrap_or_else(|e| panic!("{e}"))
         };
         let sure = level::of_splats(&scene, None).is_some_and(|found| found.is_sure());
-        assert_eq!(of(engine::Up::MinusY), None);
-        assert_eq!(of(engine::Up::PlusZ).is_some_and(|text| text.contains("is -y, but")), sure);
+        assert_eq!(of(Up::MinusY), None);
+        assert_eq!(of(Up::PlusZ).is_some_and(|text| text.contains("is -y, but")), sure);
+    }
+
+    /// Any difference above 8 degrees is reported, and the remedy is one that the graph accepts: `up` has only three
+    /// values. This test fails if `SAME_UP_DEG` is 25.
+    #[test]
+    fn the_remedy_for_another_up_is_possible() {
+        let text = |found: DVec3, axis: Option<&str>, up: Up, rotation: DMat3| {
+            up_text(found, axis, up, &Similarity { rotation, ..Similarity::IDENTITY })
+        };
+        let tilted = |degrees: f64| {
+            let angle = degrees.to_radians();
+            let (sin, cos) = (num::f64::sin(angle), num::f64::cos(angle));
+            let rotation = DMat3::from_cols(DVec3::X, DVec3::new(0.0, cos, -sin), DVec3::new(0.0, sin, cos));
+            text(DVec3::new(0.0, -sin, cos), None, Up::PlusZ, rotation)
+        };
+        assert_eq!(tilted(6.0), None);
+        let found = tilted(20.0).expect("reported");
+        let matrix = "set `matrix: Some((1.0, 0.0, 0.0, 0.0, 0.0, 0.939693, 0.34202, 0.0, 0.0, -0.34202, 0.939693, 0.0, \
+                      0.0, 0.0, 0.0, 1.0))`";
+        assert!(
+            found.contains("is (0.000, -0.342, 0.940), but") && found.contains("20 degrees away"),
+            "{found}"
+        );
+        assert!(found.contains(matrix), "{found}");
+        let found = text(DVec3::NEG_Y, Some("-y"), Up::PlusZ, DMat3::IDENTITY).expect("reported");
+        assert!(found.contains("set `up: \"-y\"` in the graph's scene, or"), "{found}");
+        // The scene accepts neither -z nor the x axes.
+        let half = DMat3::from_cols(DVec3::X, DVec3::NEG_Y, DVec3::NEG_Z);
+        let found = text(DVec3::NEG_Z, Some("-z"), Up::PlusZ, half).expect("reported");
+        assert!(
+            !found.contains("set `up") && found.contains("0.0, -1.0, 0.0, 0.0, 0.0, 0.0, -1.0"),
+            "{found}"
+        );
     }
 
     /// A scene that is read without its harmonics is otherwise the same, also with a matrix and from several files.
@@ -280,7 +328,7 @@ mod tests {
         // This row is dropped.
         scene.means[7] = [f32::NAN; 3];
         let folder = tempfile::tempdir().unwrap_or_else(|e| panic!("{e}"));
-        let block = engine::Scene { up: engine::Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false };
+        let block = engine::Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false };
         let cx = Context::detached(block, folder.path().display().to_string());
         let bytes = encode(&scene, SaveFormat::Ply, None, &cx).unwrap_or_else(|e| panic!("{e}")).0;
         for name in ["a.ply", "b.ply"] {
@@ -326,8 +374,7 @@ mod tests {
         }
         let folder = tempfile::tempdir().unwrap_or_else(|e| panic!("{e}"));
         let root = folder.path().display().to_string();
-        let scene_block =
-            engine::Scene { up: engine::Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false };
+        let scene_block = engine::Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false };
         let cx = Context::detached(scene_block, &root);
         let bytes = encode(&scene, SaveFormat::Ply, None, &cx).unwrap_or_else(|e| panic!("{e}")).0;
         std::fs::write(folder.path().join("a.ply"), bytes).unwrap_or_else(|e| panic!("{e}"));
@@ -341,7 +388,7 @@ mod tests {
         };
         let rotation = DQuat::from_xyzw(0.2, -0.5, 0.3, 0.7).normalize();
         let moved = Similarity {
-            rotation: glam::DMat3::from_quat(rotation),
+            rotation: DMat3::from_quat(rotation),
             scale: 1.7,
             offset: DVec3::new(3.0, -2.0, 1.0),
         };

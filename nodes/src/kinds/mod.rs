@@ -41,5 +41,6 @@ pub mod stitch;
 pub mod write_animation;
 pub mod write_exr;
 pub mod write_image;
+pub mod write_lut;
 pub mod write_mesh;
 pub mod write_report;

@@ -5,7 +5,9 @@ use std::sync::Arc;
 use engine::{Context, ContextField, Cost, Former, Kind, NodeError, Notes, Sizes, ViewCount};
 
 use crate::render::splat::near;
-use crate::render::splat::{self, Blocks, Drawing, Limit, MAX_PIXELS, Sort, Work, most_bytes, render_with};
+use crate::render::splat::{
+    self, Blocks, DepthMode, Drawing, Limit, MAX_PIXELS, Sort, Work, most_bytes, render_with,
+};
 use crate::types::{Camera, Data, Image, Images, NamedImage, Picture, Rig, Splats, View, Views, tagged};
 
 engine::params! {
@@ -19,12 +21,12 @@ engine::params! {
     pub struct SplatRender {
         /// Key by which the splats of a pixel are sorted.
         sort: Sort = Sort::Depth, other("Distance");
-        /// Minimum distance in front of `limit` at which the centre of a splat must lie for the splat to be kept,
-        /// in standard deviations of the splat along its middle axis. A splat is visible up to three deviations
-        /// from its centre, so the splats of a slanted surface may have their centres up to three deviations in
-        /// front of the surface. Two more deviations allow for a mesh that lies slightly below the splats. At 0, a
-        /// splat is kept if its centre lies in front of `limit`.
-        limit_sigmas: f64 = 5.0, range(0.0, 100.0), other("0.0");
+        /// Minimum distance in front of `limit` at which a splat must lie to be kept, in standard deviations of the
+        /// splat along its middle axis. It applies to the depth at which the splat is densest along the ray of the
+        /// pixel, and its centre must also lie in front of `limit`. The distance allows for splats that scatter
+        /// around the surface that they represent, and for a mesh slightly below them. At 0, a splat is kept if
+        /// its centre lies in front of `limit`.
+        limit_sigmas: f64 = 3.0, range(0.0, 100.0), other("0.0");
     }
 }
 engine::inputs! {
@@ -73,22 +75,23 @@ fn limits_of<'a>(rig: &Rig, limits: &'a Images) -> Result<Vec<&'a Image<Data>>, 
 
 impl Kind for SplatRender {
     const NAME: &'static str = "splat-render";
-    const VERSION: u32 = 6;
+    const VERSION: u32 = 7;
     const READS: &'static [ContextField] = &[ContextField::Exhaustive, ContextField::MetresPerUnit];
     type Params = (Self, Drawing);
     type In = In;
     type Out = Out;
 
-    fn estimate(_params: &Self::Params, inputs: &In) -> Cost {
+    fn estimate((_, drawing): &Self::Params, inputs: &In) -> Cost {
         let pixels = |c: &Camera| (u64::from(c.width_px) * u64::from(c.height_px)).min(MAX_PIXELS);
         let all: u64 = inputs.rig.cameras.iter().map(pixels).sum();
         let largest = inputs.rig.cameras.iter().map(pixels).max().unwrap_or(0);
         let splats = inputs.splats.len() as u64;
         let size = |c: &Camera| (u64::from(c.width_px), u64::from(c.height_px));
         let lists = inputs.rig.cameras.iter().map(|c| most_bytes(splats, size(c))).max().unwrap_or(0);
-        let margins = if inputs.limit.is_some() { splats } else { 0 };
+        let peaks = inputs.limit.is_some() || drawing.depth == DepthMode::RayMedian;
+        let peaks = if peaks { splats } else { 0 };
         // Per pixel: colour, alpha and depth of the outputs; tiles of the current view.
-        Cost::of([(all, 44), (largest, 24), (margins, 4), (lists, 1)])
+        Cost::of([(all, 44), (largest, 24), (peaks, splat::PEAK_BYTES), (lists, 1)])
     }
 
     // Splats are read once per view; a megapixel of a view costs about as much as its share of them.

@@ -6,7 +6,7 @@ use engine::{Context, ContextField, Cost, FileBytes, Files, Kind, NodeError, Not
 
 use crate::io::png::{self, Raster};
 use crate::io::progress::Progress;
-use crate::io::quantise::{AlphaOutput, Lost, quantise};
+use crate::io::quantise::{AlphaOutput, Lost, Shown, quantise};
 use crate::types::{Images, Picture};
 
 engine::params! {
@@ -85,7 +85,7 @@ impl Kind for WriteAnimation {
             for (index, frame) in inputs.frames.iter().enumerate() {
                 progress.report(0.1 * index as f32 / inputs.frames.len() as f32)?;
                 let picture = picture_of(frame, &view.name, index)?;
-                let (raster, missed) = quantise(picture, false, AlphaOutput::Drop, cx)?;
+                let (raster, missed) = quantise(picture, false, AlphaOutput::Drop, &Shown::default(), cx)?;
                 lost.add(missed);
                 let size = |raster: &Raster| (raster.width, raster.height, raster.channels);
                 if let Some(start) = rasters.first().filter(|start| size(start) != size(&raster)) {
@@ -98,7 +98,7 @@ impl Kind for WriteAnimation {
                 }
                 rasters.push(raster);
             }
-            lost.tell(&view.name, &mut notes);
+            lost.report(&view.name, &mut notes);
             let srgb = !matches!(view.picture, Picture::Data(_));
             let packing = progress.part(0.1, 1.0);
             let bytes = png::write_frames(&rasters, delay(p.fps), p.plays, srgb, &texts, packing)?;

@@ -8,7 +8,7 @@ use engine::{
 
 use crate::io::exr::{self, Channel, Depth};
 use crate::io::progress::Progress;
-use crate::types::layers::decoded;
+use crate::math::color::space::{Conversion, Space};
 use crate::types::{Encoding, Images, Linear, Picture};
 
 engine::choices! {
@@ -16,8 +16,16 @@ engine::choices! {
     pub enum WrittenEncoding {
         /// Keeps the encoding of each picture, so a splat render stays display-encoded.
         Keep,
-        /// Linear light, which other programs expect in OpenEXR files.
+        /// Linear light with the primaries of Rec.709, which other programs expect in OpenEXR files.
         Linear,
+        /// Linear light with the primaries of P3 and the white of D65.
+        LinearP3,
+        /// Linear light with the primaries of Rec.2020.
+        LinearRec2020,
+        /// ACEScg: linear light with the primaries AP1.
+        AcesCg,
+        /// ACES2065-1: linear light with the primaries AP0.
+        Aces2065,
     }
 }
 engine::params! {
@@ -26,9 +34,10 @@ engine::params! {
     /// Give either `image`, whose channels become R, G, B (and A), or `layers`. A layer is named by `names`, or
     /// after the output that its wire comes from. A layer of colour is written as the channels `name.R`, `name.G`,
     /// `name.B` (and `name.A`), a layer of a single channel as `name`, and a layer named N as `N.X`, `N.Y`, `N.Z`.
-    /// Colours keep their encoding unless `encoding` is `Linear`; the attribute `lightharmony:encoding` records the
-    /// encoding of each layer. Other programs ignore this attribute and treat all colours as linear, so mixed
-    /// encodings are reported. The same input gives the same bytes.
+    /// Colours keep their encoding unless `encoding` names a space, which is then that of all colours; the attribute
+    /// `lightharmony:encoding` records the encoding of each layer, and `chromaticities` the primaries. Other
+    /// programs ignore the first attribute and treat all colours as linear, so mixed encodings are reported. The
+    /// same input gives the same bytes.
     pub struct WriteExr {
         /// The file: `.exr`. Must contain `{view}` if there are several views.
         path: OutputFile, other("\"b.exr\""), inert("the path is not stored in the file");
@@ -38,8 +47,9 @@ engine::params! {
         /// True to write colours as 16-bit floats, which take half the space and have about three significant
         /// digits. Samples that overflow are clamped and counted. Data (depth, masks, variance) stays in 32 bits.
         half: bool = false, other("true");
-        /// Encoding of the written colours. `Linear` un-premultiplies display-encoded colours, decodes them and
-        /// premultiplies them again; alpha, linear light and data are unchanged.
+        /// Encoding of the written colours. All but `Keep` un-premultiply display-encoded colours, decode them and
+        /// premultiply them again; alpha and data are unchanged. Display-encoded colours are taken as light
+        /// relative to the white of the display; no view transform is undone.
         encoding: WrittenEncoding = WrittenEncoding::Keep, other("Linear");
         /// True to write the graph that made the picture into its metadata. The inputs of the graph are identified
         /// by content, not by path.
@@ -65,7 +75,7 @@ engine::outputs! {
 
 impl Kind for WriteExr {
     const NAME: &'static str = "write-exr";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     const READS: &'static [ContextField] = &[ContextField::Recipe, ContextField::Wired];
     type Params = Self;
     type In = In;
@@ -158,11 +168,16 @@ impl Kind for WriteExr {
                 }
                 add_layer(name, picture, p, &mut channels, progress.part(0.0, 0.0))?;
                 let name = if name.is_empty() { "image" } else { name };
-                let encoding = if p.decodes(picture) { Linear::NAME } else { picture.encoding() };
+                let encoding = match p.conversion(picture) {
+                    Some(_) => p.encoding.name(),
+                    None => picture.encoding(),
+                };
                 encodings.push(format!("{name}={encoding}"));
             }
-            let (bytes, clamped) =
-                exr::write_for(width, height, channels, &encodings.join(" "), recipe, progress)?;
+            let encodings = encodings.join(" ");
+            let primaries = p.encoding.space().primaries();
+            let attributes = exr::Attributes { encoding: &encodings, recipe, primaries };
+            let (bytes, clamped) = exr::write_for(width, height, channels, attributes, progress)?;
             if clamped > 0 {
                 let what = format!(
                     "of the samples of `{}` exceeded 65504, the largest 16-bit float, and had to be clamped to it",
@@ -214,11 +229,55 @@ fn layer_names<'a>(
     }
 }
 
-impl WriteExr {
-    /// True if a picture is decoded before it is written.
-    fn decodes(&self, picture: &Picture) -> bool {
-        self.encoding == WrittenEncoding::Linear && matches!(picture, Picture::Srgb(_))
+impl WrittenEncoding {
+    /// The space of the written colours. With `Keep`, display-encoded colours have the same primaries.
+    fn space(self) -> Space {
+        match self {
+            WrittenEncoding::Keep | WrittenEncoding::Linear => Space::LinearRec709,
+            WrittenEncoding::LinearP3 => Space::LinearP3,
+            WrittenEncoding::LinearRec2020 => Space::LinearRec2020,
+            WrittenEncoding::AcesCg => Space::AcesCg,
+            WrittenEncoding::Aces2065 => Space::Aces2065,
+        }
     }
+
+    /// Name of the encoding in the file.
+    fn name(self) -> &'static str {
+        match self {
+            WrittenEncoding::Keep | WrittenEncoding::Linear => Linear::NAME,
+            WrittenEncoding::LinearP3 => "linear-p3",
+            WrittenEncoding::LinearRec2020 => "linear-rec2020",
+            WrittenEncoding::AcesCg => "acescg",
+            WrittenEncoding::Aces2065 => "aces2065-1",
+        }
+    }
+}
+
+impl WriteExr {
+    /// The conversion of the colours of a picture before they are written; `None` if they stay as they are.
+    fn conversion(&self, picture: &Picture) -> Option<Conversion> {
+        let from = match picture {
+            Picture::Srgb(_) => Space::Srgb,
+            Picture::Linear(_) => Space::LinearRec709,
+            Picture::Data(_) => return None,
+        };
+        (self.encoding != WrittenEncoding::Keep)
+            .then(|| Conversion::new(from, self.encoding.space()))
+            .filter(|conversion| !conversion.is_identity())
+    }
+}
+
+/// The premultiplied colours of a picture after a conversion. Grey has the primaries of every space, so it passes
+/// the curve only.
+fn converted(pixel: &[f32], conversion: &Conversion) -> [f32; 3] {
+    let (colours, alpha) = match *pixel {
+        [y] => ([y; 3], 1.0),
+        [y, a] => ([y; 3], a),
+        [r, g, b] => ([r, g, b], 1.0),
+        [r, g, b, a, ..] => ([r, g, b], a),
+        [] => ([0.0; 3], 0.0),
+    };
+    if alpha > 0.0 { conversion.apply(colours.map(|v| v / alpha)).map(|v| v * alpha) } else { [0.0; 3] }
 }
 
 /// Warns about display-encoded layers next to linear ones.
@@ -258,7 +317,7 @@ fn add_layer(
                 .at("layers"));
         }
     };
-    let decodes = p.decodes(picture);
+    let conversion = p.conversion(picture);
     let depth = if p.half && !matches!(picture, Picture::Data(_)) { Depth::Half } else { Depth::Float };
     for (offset, letter) in letters.iter().enumerate() {
         let full = match (name, *letter) {
@@ -268,11 +327,9 @@ fn add_layer(
         };
         let mut samples = Vec::with_capacity(picture.samples().len() / channels);
         progress.over(picture.samples(), |pixels| {
-            if decodes && *letter != "A" {
-                let colours = channels - 1 + channels % 2;
-                let alpha = |pixel: &[f32]| pixel.get(colours).map_or(1.0, |alpha| *alpha);
-                samples
-                    .extend(pixels.chunks_exact(channels).map(|pixel| decoded(pixel[offset], alpha(pixel))));
+            if let Some(conversion) = conversion.as_ref().filter(|_| *letter != "A") {
+                let pixels = pixels.chunks_exact(channels);
+                samples.extend(pixels.map(|pixel| converted(pixel, conversion)[offset]));
             } else {
                 samples.extend(pixels.iter().skip(offset).step_by(channels).copied());
             }

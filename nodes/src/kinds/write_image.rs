@@ -2,15 +2,21 @@
 
 use std::sync::Arc;
 
-use engine::{Context, ContextField, Cost, FileBytes, Files, Kind, NodeError, Notes, OutputFile, ViewCount};
+use engine::{
+    Context, ContextField, Cost, FileBytes, Files, InputFile, Kind, NodeError, Notes, OutputFile, SourceFile,
+    SourceRoot, ViewCount,
+};
 
+use crate::io::cube::CubeLut;
 use crate::io::progress::Progress;
-use crate::io::quantise::quantise;
+use crate::io::quantise::{Shown, quantise};
 use crate::io::recipe::KEYWORD;
 use crate::io::{jpeg, png};
+use crate::math::color::space::Space;
 use crate::types::{Images, NamedImage, Picture};
 
-pub use crate::io::quantise::AlphaOutput;
+pub use crate::io::quantise::{AlphaOutput, DisplaySpace};
+pub use crate::math::color::view::View;
 
 engine::choices! {
     /// Compression effort of a PNG.
@@ -24,8 +30,9 @@ engine::choices! {
 engine::params! {
     /// Writes pictures as PNG or JPEG, depending on the extension of the path.
     ///
-    /// Linear light is encoded with the sRGB curve. Values outside 0 to 1 are clamped and counted. Data (masks,
-    /// ratios) is written unchanged. There is no dithering. The same picture gives the same bytes.
+    /// Linear light passes `exposure` and the view transform `view`, and is encoded for `space`. Display-encoded
+    /// pictures, such as renders of splats, are converted to `space` and otherwise stay as they are. Values outside
+    /// 0 to 1 are clamped and counted. Data (masks, ratios) is written unchanged. There is no dithering. The same picture gives the same bytes.
     pub struct WriteImage {
         /// The file: `.png`, `.jpg` or `.jpeg`. Must contain `{view}` if there are several views.
         path: OutputFile, other("\"b.jpg\"");
@@ -33,6 +40,17 @@ engine::params! {
         bits: u32 = 8, range(8, 16), other("16");
         /// Treatment of the alpha channel.
         alpha: AlphaOutput = AlphaOutput::Drop, other("Straight");
+        /// View transform of linear light.
+        view: View = View::Standard, other("AgX");
+        /// Exposure of linear light before the view transform; 1 doubles the light.
+        exposure: f64 = 0.0, range(-64, 64), unit("stops"), other("1.0");
+        /// Lookup table of colours (`.cube`) for linear light, in place of `view`. Its inputs are encoded in
+        /// `lut_space`, and its outputs are codes of `space`.
+        lut: Option<InputFile> = None, other("Some(\"look.cube\")");
+        /// Colour space of the inputs of `lut`.
+        lut_space: Space = Space::Srgb, other("AcesCct");
+        /// Colour space of the file. A PNG states it; JPEG is always sRGB.
+        space: DisplaySpace = DisplaySpace::Srgb, other("DisplayP3");
         /// JPEG quality.
         quality: u32 = 92, range(1, 100), other("50"), inert("only JPEG has a quality");
         /// Compression effort of a PNG. It does not affect the pixels.
@@ -59,7 +77,7 @@ engine::outputs! {
 
 impl Kind for WriteImage {
     const NAME: &'static str = "write-image";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     const READS: &'static [ContextField] = &[ContextField::Recipe];
     const PREVIEW: engine::Preview =
         engine::Preview { rough: &[("effort", "Fast")], ..engine::Preview::NONE };
@@ -85,6 +103,16 @@ impl Kind for WriteImage {
                 .at("bits")
                 .hint("end the path in `.png`"));
         }
+        if p.lut.is_some() && p.view != View::Standard {
+            return Err(NodeError::new("`view` and `lut` cannot both be given")
+                .at("lut")
+                .hint("a lookup table contains the view transform; remove `view`"));
+        }
+        if jpeg && p.space != DisplaySpace::Srgb {
+            return Err(NodeError::new("a JPEG cannot state a colour space other than sRGB")
+                .at("space")
+                .hint("end the path in `.png`"));
+        }
         if jpeg && p.alpha == AlphaOutput::Straight {
             return Err(NodeError::new("`alpha` is `Straight`, but a JPEG cannot store alpha")
                 .at("alpha")
@@ -93,7 +121,11 @@ impl Kind for WriteImage {
         Ok(())
     }
 
-    fn views(_: &Self, _: &engine::SourceRoot) -> ViewCount {
+    fn sources(p: &Self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
+        Ok(p.lut.iter().map(|file| root.file(file)).collect())
+    }
+
+    fn views(_: &Self, _: &SourceRoot) -> ViewCount {
         ViewCount::As(&["image"])
     }
 
@@ -118,12 +150,29 @@ impl Kind for WriteImage {
             return Err(NodeError::new("there is no view to write").at("image"));
         }
         let recipe = cx.recipe().filter(|_| p.recipe);
+        let space = p.space.space();
+        let shown = match &p.lut {
+            None => Shown::on(space, p.view, p.exposure),
+            Some(file) => {
+                let bytes = cx.read(file).map_err(|e| e.at("lut"))?;
+                let lut = CubeLut::read(&file.0, &bytes).map_err(|e| NodeError::from(e).at("lut"))?;
+                Shown::by(lut, p.lut_space, p.exposure, space)
+            }
+        };
+        let graded = p.view != View::Standard || p.lut.is_some() || p.exposure != 0.0;
+        if graded && views.iter().any(|view| matches!(view.picture, Picture::Srgb(_))) {
+            notes.warning(
+                "view-ignored",
+                "the picture is display-encoded already, so `view`, `lut` and `exposure` do not change it; wire \
+                 linear light instead",
+            );
+        }
         for (index, view) in views.iter().enumerate() {
             let progress = Progress::of(cx, 0.0, 1.0).piece(index, views.len());
             progress.report(0.0)?;
-            let (raster, lost) = quantise(&view.picture, p.bits == 16, p.alpha, cx)?;
-            lost.tell(&view.name, &mut notes);
-            let srgb = !matches!(view.picture, Picture::Data(_));
+            let (raster, lost) = quantise(&view.picture, p.bits == 16, p.alpha, &shown, cx)?;
+            lost.report(&view.name, &mut notes);
+            let space = (!matches!(view.picture, Picture::Data(_))).then_some(space);
             let bytes = if p.path.extension() == "png" {
                 let software = ("Software", "lightharmony");
                 let texts: Vec<_> = std::iter::once(software).chain(recipe.map(|r| (KEYWORD, r))).collect();
@@ -131,7 +180,7 @@ impl Kind for WriteImage {
                     Effort::Balanced => png::Packing::Small,
                     Effort::Fast => png::Packing::Fast,
                 };
-                png::write_for(&raster, packing, srgb, &texts, progress)?
+                png::write_for(&raster, packing, space, &texts, progress)?
             } else {
                 jpeg::write_for(&raster, p.quality as u8, recipe, progress)?
             };
@@ -153,6 +202,11 @@ mod tests {
             path: OutputFile(path.into()),
             bits: 8,
             alpha: AlphaOutput::Drop,
+            view: View::Standard,
+            exposure: 0.0,
+            lut: None,
+            lut_space: Space::Srgb,
+            space: DisplaySpace::Srgb,
             quality: 92,
             effort: Effort::Balanced,
             recipe: true,
@@ -220,6 +274,63 @@ mod tests {
         assert_eq!(straight.codes, [128, 51, 0, 128, 51, 0, 0, 0]);
     }
 
+    /// A file of another display space states it, and is read back as the colours that were written.
+    #[test]
+    fn display_spaces_are_stated_and_read_back() {
+        let codes = [0.9, 0.2, 0.1, 0.3, 0.6, 0.4];
+        let picture = Image::<Srgb>::from_samples(2, 1, 3, codes.to_vec());
+        let plain = write(&node("a.png"), picture.clone()).0;
+        for space in [DisplaySpace::DisplayP3, DisplaySpace::Rec709, DisplaySpace::Rec2020] {
+            let (bytes, notes) = write(&WriteImage { bits: 16, space, ..node("a.png") }, picture.clone());
+            assert_eq!(notes.iter().count(), 0);
+            assert_ne!(bytes, plain);
+            let back = crate::io::picture::of_bytes("a.png", &bytes).unwrap_or_else(|e| panic!("{e}"));
+            assert_eq!(back.encoding(), "srgb");
+            for (a, b) in back.samples().iter().zip(codes) {
+                assert!((a - b).abs() < 1e-4, "{space:?}: {:?}", back.samples());
+            }
+        }
+    }
+
+    /// A view transform changes linear light, and leaves display colours alone with a warning.
+    #[test]
+    fn views_and_exposure_are_for_linear_light() {
+        let p = WriteImage { view: View::AgX, exposure: 1.0, ..node("a.png") };
+        let light = Image::<Linear>::from_samples(1, 1, 3, vec![8.0; 3]);
+        let codes = |bytes: &[u8]| png::read("a.png", bytes).unwrap_or_else(|e| panic!("{e}")).codes;
+        let (bytes, notes) = write(&p, light.clone());
+        // Blender 4.5 shows light of 16 as 0.9985 with AgX.
+        assert_eq!((codes(&bytes), notes.iter().count()), (vec![255; 3], 0));
+        let (bytes, _) = write(&WriteImage { exposure: -3.0, ..p.clone() }, light);
+        // And light of 1 as 0.771.
+        assert_eq!(codes(&bytes), [197; 3]);
+        let (bytes, notes) = write(&p, Image::<Srgb>::from_samples(1, 1, 3, vec![0.5; 3]));
+        assert_eq!(codes(&bytes), [128; 3]);
+        assert!(notes.iter().any(|note| note.id == "view-ignored"));
+    }
+
+    /// A lookup table replaces the view transform: light is encoded in `lut_space`, and entries are codes.
+    #[test]
+    fn a_lookup_table_is_applied_to_encoded_light() {
+        let folder = tempfile::tempdir().unwrap_or_else(|e| panic!("{e}"));
+        let inverted = CubeLut::write("", 2, |code| code.map(|v| 1.0 - v));
+        std::fs::write(folder.path().join("look.cube"), inverted).unwrap_or_else(|e| panic!("{e}"));
+        let p = WriteImage {
+            lut: Some(InputFile("look.cube".into())),
+            lut_space: Space::LinearRec709,
+            exposure: 1.0,
+            ..node("a.png")
+        };
+        assert!(WriteImage::check(&WriteImage { view: View::AgX, ..p.clone() }).is_err());
+        let scene = engine::Scene { up: engine::Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false };
+        let cx = Context::detached(scene, folder.path());
+        let light = Image::<Linear>::from_samples(1, 1, 3, vec![0.1, 0.2, 0.4]);
+        let image = Arc::new(Images::single("v", light));
+        let (out, _) = WriteImage::run(&p, In { image }, &cx).unwrap_or_else(|e| panic!("{e}"));
+        let back = png::read("a.png", &out.files.0[0].bytes).unwrap_or_else(|e| panic!("{e}"));
+        assert_eq!(back.codes, [204, 153, 51]);
+    }
+
     #[test]
     fn jpeg_by_ending_and_refusals() {
         let picture = Image::<Srgb>::from_samples(16, 16, 3, vec![0.5; 768]);
@@ -232,6 +343,7 @@ mod tests {
             node("a.gif"),
             WriteImage { bits: 12, ..node("a.png") },
             WriteImage { bits: 16, ..node("a.jpg") },
+            WriteImage { space: DisplaySpace::DisplayP3, ..node("a.jpg") },
         ] {
             assert!(WriteImage::check(&p).is_err());
         }

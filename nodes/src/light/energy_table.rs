@@ -180,9 +180,9 @@ mod tests {
     #[test]
     fn a_light_may_be_all_there_is() {
         let white = vec![2.0; 64 * 32];
-        let mut books = EnergyTable::new(Up::PlusY, 64, &white, 0.05);
-        books.record_panorama("white", 64, &white, &context()).expect("enters");
-        let [_, steps] = books.tables();
+        let mut table = EnergyTable::new(Up::PlusY, 64, &white, 0.05);
+        table.record_panorama("white", 64, &white, &context()).expect("enters");
+        let [_, steps] = table.tables();
         let Cell::Number(facing) = steps.rows[3][1] else { panic!("a number") };
         assert!((facing / TAU - 1.0).abs() < 0.02, "{facing}");
     }
@@ -197,10 +197,10 @@ mod tests {
                 let lit = |at: usize| (at % width / scale, at / width / scale) == (30, 7);
                 (0..width * 22 * scale).map(|at| if lit(at) { 40.0 } else { 0.01 }).collect()
             };
-            let mut books = EnergyTable::new(up, 45, &picture(1), 0.05);
-            books.record_panorama("coarse", 45, &picture(1), &context()).expect("enters");
-            books.record_panorama("fine", 270, &picture(6), &context()).expect("enters");
-            let [lights, steps] = books.tables();
+            let mut table = EnergyTable::new(up, 45, &picture(1), 0.05);
+            table.record_panorama("coarse", 45, &picture(1), &context()).expect("enters");
+            table.record_panorama("fine", 270, &picture(6), &context()).expect("enters");
+            let [lights, steps] = table.tables();
             assert_eq!(lights.rows.len(), 1);
             let wanted = pixel(up, 45, 22, 7 * 45 + 30);
             let Cell::Number(azimuth) = lights.rows[0][0] else { panic!("a number") };

@@ -4,13 +4,13 @@
 use engine::{Context, NodeError};
 
 /// A level of the pyramid: for each pixel, its confidence, 0 to 1, and its colour multiplied by the confidence.
-struct Level {
+struct PyramidLevel {
     width: usize,
     height: usize,
     pixels: Vec<[f32; 4]>,
 }
 
-impl Level {
+impl PyramidLevel {
     /// The level at half the size. The confidence of a pixel is the sum of the confidences of the four pixels that
     /// it replaces, at most 1.
     fn halved(&self) -> Self {
@@ -70,7 +70,7 @@ pub(crate) fn fill(
             [0, 1, 2, 3].map(|i| if i < 3 { p[i] / p[3] * confidence } else { confidence })
         }
     };
-    let mut levels = vec![Level { width, height, pixels: premultiplied.iter().map(sure).collect() }];
+    let mut levels = vec![PyramidLevel { width, height, pixels: premultiplied.iter().map(sure).collect() }];
     while let Some(last) = levels.last()
         && (last.width > 1 || last.height > 1)
     {
@@ -90,7 +90,7 @@ pub(crate) fn fill(
                         // Scaled by the true ratio, so that odd sizes still wrap at the right position.
                         let u = (x as f32 + 0.5) * *w as f32 / level.width as f32;
                         let v = (y as f32 + 0.5) * 0.5;
-                        Level::at(colours, *w, *h, u, v)
+                        PyramidLevel::at(colours, *w, *h, u, v)
                     }
                     // The single pixel of the coarsest level: the mean of everything that was seen.
                     None if confidence > 0.0 => [r / confidence, g / confidence, b / confidence],

@@ -38,7 +38,7 @@ pub(crate) fn open(
 /// Expands a picture to the whole sphere if the metadata of its file says that it shows only a part.
 pub(crate) fn whole(name: &str, bytes: &[u8], picture: Picture, notes: &mut Notes) -> Result<Picture, Error> {
     let Some(part) = GPano::find(bytes) else { return Ok(picture) };
-    tell(&part, notes);
+    report(&part, notes);
     let (width, height, _) = picture.size();
     let Some(placement) = part.place(name, [width, height])? else { return Ok(picture) };
     let ([w, h], [x, y]) = (placement.size, placement.at);
@@ -58,7 +58,7 @@ pub(crate) fn growth(file: &FileHead<'_>) -> f64 {
 }
 
 /// Warns about metadata that is ignored.
-fn tell(part: &GPano, notes: &mut Notes) {
+fn report(part: &GPano, notes: &mut Notes) {
     if part.tilt.iter().any(|degrees| degrees.abs() > 0.5) {
         let [pitch, roll] = part.tilt;
         let what = format!(

@@ -36,7 +36,7 @@ const ASKED: f64 = 0.03;
 const TILE: usize = 8;
 
 /// Inputs of the node `trace` in a graph of `tests/tables`, and the background of its picture.
-struct Place {
+struct TraceInputs {
     receiver: Arc<Mesh>,
     objects: Vec<Arc<Placed>>,
     rig: Arc<Rig>,
@@ -47,7 +47,7 @@ struct Place {
 /// Value and reported standard error of each pixel. The standard error is 0 if the pixel has no noise.
 type Reported = Vec<[f64; 2]>;
 
-impl Place {
+impl TraceInputs {
     /// Loads a graph after replacing `before` in its text with `after`, to change the size of its pictures.
     fn load(name: &str, (before, after): (&str, &str)) -> Self {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/tables");
@@ -112,7 +112,7 @@ impl Place {
     }
 }
 
-impl Place {
+impl TraceInputs {
     /// The results of [`traced`](Self::traced) for several seeds, in order of seed, computed on two threads.
     fn all_traced(&self, params: &PathTrace, seeds: std::ops::Range<u64>) -> Vec<[Reported; 2]> {
         let half = |first| move |seed: &u64| seed % 2 == first;
@@ -207,10 +207,10 @@ fn main() {
     let demo = ("width_px: 160, height_px: 120", "width_px: 64, height_px: 48");
     let beyond = Surroundings::Within { metres: 1.1, bounces: false };
     let scenes = [
-        ("demo", Place::load("demo.ron", demo), beyond, Some(0.02)),
+        ("demo", TraceInputs::load("demo.ron", demo), beyond, Some(0.02)),
         (
             "bench case",
-            Place::load("plaza.ron", ("resolution: 0.25", "resolution: 0.1")),
+            TraceInputs::load("plaza.ron", ("resolution: 0.25", "resolution: 0.1")),
             Surroundings::Auto,
             None,
         ),

@@ -18,7 +18,7 @@ const FOLLOWS: [(&str, &str); 7] = [
     ("path-trace", "rig"),
     ("denoise", "object"),
     ("shadow-ratio", "with"),
-    ("alpha-shadow", "object"),
+    ("alpha-shadow", "with"),
     ("composite", "background"),
     ("region-masks", "object"),
 ];
@@ -136,7 +136,7 @@ mod tests {
             largest: 255,
             codes,
             ignored: Vec::new(),
-            linear: false,
+            colour: None,
         };
         let bytes = nodes::io::png::write(&raster, true, &[]).unwrap_or_default();
         std::fs::write(folder.path().join("plate.png"), bytes).expect("it is written");

@@ -6,11 +6,11 @@ mod svg;
 use std::fmt::Write as _;
 
 use clap::{Args, ValueEnum};
-use engine::{Graph, Planned};
+use engine::{Fate, Graph, Planned};
 use state::state;
 use svg::svg;
 
-use crate::session::{EngineArgs, Error, GraphArgs};
+use crate::session::{EngineArgs, Error, GraphArgs, sheet};
 use crate::terminal;
 
 /// Draws a graph with the state of its results.
@@ -23,6 +23,9 @@ pub struct Draw {
     /// Output format
     #[arg(long, value_enum, default_value_t = Format::Dot)]
     format: Format,
+    /// In an SVG, draw small pictures of the results that are in the cache
+    #[arg(long)]
+    thumbnails: bool,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -40,11 +43,19 @@ impl Draw {
     pub fn run(self) -> Result<u8, Error> {
         let loaded = self.graph.load()?;
         let (graph, only) = (&loaded.graph, &loaded.only);
-        let plan = self.engine.open()?.plan(graph, only);
+        let engine = self.engine.open()?;
+        let plan = engine.plan(graph, only);
+        if self.thumbnails && !matches!(self.format, Format::Svg) {
+            return Err(Error::usage("`--thumbnails` requires `--format svg`"));
+        }
+        let thumbnail = |node: usize| {
+            let known = self.thumbnails && matches!(plan[node].fate, Fate::Known);
+            known.then(|| sheet::thumbnail(&engine, graph, node)).flatten()
+        };
         terminal::print(&match self.format {
             Format::Dot => dot(graph, &plan),
             Format::Mermaid => mermaid(graph, &plan),
-            Format::Svg => svg(graph, &plan).ok_or_else(too_large)?,
+            Format::Svg => svg(graph, &plan, &thumbnail).ok_or_else(too_large)?,
         })?;
         Ok(0)
     }

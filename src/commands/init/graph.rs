@@ -1,12 +1,11 @@
-//! The graph that `init` writes, and the list of its assumptions.
+//! The graph that `init` writes.
 
 use std::fmt::Write as _;
-use std::path::Path;
 
-use engine::Up;
 use glam::DVec3;
 
-use super::survey::{SIZE, Survey, is_known};
+use super::sky::Sky;
+use super::survey::{NEAR, SIZE, Survey, is_known, one_digit};
 use crate::session::standing::UpBy;
 
 /// Writes a text as a string of a graph file, in quotes.
@@ -29,20 +28,20 @@ fn quoted(text: &str) -> String {
 }
 
 /// Writes a number as in a graph file, with a decimal point and without digits that come only from rounding errors.
-fn number(value: f64) -> String {
+pub(super) fn number(value: f64) -> String {
     let text = format!("{value:.9}");
     let text = text.trim_end_matches('0');
     let text = if text.ends_with('.') { format!("{text}0") } else { text.to_owned() };
     if text == "-0.0" { "0.0".to_owned() } else { text }
 }
 
-fn vector(v: DVec3) -> String {
+pub(super) fn vector(v: DVec3) -> String {
     let [x, y, z] = v.to_array().map(number);
     format!("({x}, {y}, {z})")
 }
 
 /// Writes a length with few digits, for messages.
-fn length(value: f64, decimals: usize) -> String {
+pub(super) fn length(value: f64, decimals: usize) -> String {
     let text = format!("{value:.decimals$}");
     // Not -0.
     if text.trim_start_matches('-').bytes().all(|b| matches!(b, b'0' | b'.')) {
@@ -61,39 +60,66 @@ fn matrix(rows: Option<&[f64; 16]>) -> String {
     format!(",\n            matrix: (\n                {},\n            )", rows.join(",\n                "))
 }
 
+/// The lines of a graph.
+#[derive(Default)]
+struct Lines(String);
+
+impl Lines {
+    fn line(&mut self, text: &str) {
+        self.0.push_str(text);
+        self.0.push('\n');
+    }
+}
+
 /// Writes the graph.
 pub fn text(survey: &Survey) -> String {
-    let s = survey;
-    let arranged = &s.arranged;
-    let turned = matrix(s.standing.matrix.as_ref());
-    let size = s.extents.size();
-    let height = size.y / s.metres_per_unit * arranged.scale;
-    let extent = size.length() / s.metres_per_unit * arranged.scale;
-    // The near plane, in metres. Objects smaller than 2 m need a nearer one than the default.
-    let digits = |v: f64| {
-        let mut unit = 1e-9;
-        while unit * 10.0 <= v {
-            unit *= 10.0;
-        }
-        (v / unit).floor() * unit
-    };
-    let near = digits((0.1 * size.length() * arranged.scale).min(0.2));
-    let near = if near < 0.2 { format!(", near: {}", number(near)) } else { String::new() };
-    let mut o = String::new();
-    let mut line = |text: &str| {
-        o.push_str(text);
-        o.push('\n');
-    };
-    line(
+    let mut o = Lines::default();
+    head(&mut o);
+    scene(&mut o, survey);
+    o.line("");
+    o.line("    nodes: (");
+    object(&mut o, survey);
+    o.line("");
+    mesh(&mut o, survey);
+    o.line("");
+    camera(&mut o, survey);
+    o.line("");
+    light(&mut o, survey);
+    o.line("");
+    picture(&mut o, survey);
+    o.line("    ),");
+    o.line(")");
+    o.0
+}
+
+/// Height of the object as it is placed, in world units.
+fn height(s: &Survey) -> f64 {
+    s.extents.size().y / s.metres_per_unit * s.arranged.scale
+}
+
+/// The near plane of renders, in metres. Objects smaller than 2 m need a nearer one than the default.
+fn near(s: &Survey) -> String {
+    let near = one_digit((0.1 * s.extents.size().length() * s.arranged.scale).min(NEAR));
+    if near < NEAR { format!(", near: {}", number(near)) } else { String::new() }
+}
+
+/// Writes how to use the graph, and its first lines.
+fn head(o: &mut Lines) {
+    o.line(
         "// An object in a captured place, written by `lightharmony init`. It runs as it is; after an edit, run it again:",
     );
-    line("// only what the edit affects is computed.");
-    line("//");
-    line("//   lightharmony run graph.ron            # writes out/picture.png");
-    line("//   lightharmony nodes path-trace         # every parameter of a kind");
-    line("Graph(");
-    line("    version: 1,");
-    line("");
+    o.line("// only what the edit affects is computed.");
+    o.line("//");
+    o.line("//   lightharmony run graph.ron            # writes out/picture.png");
+    o.line("//   lightharmony nodes path-trace         # every parameter of a kind");
+    o.line("Graph(");
+    o.line("    version: 1,");
+    o.line("");
+}
+
+/// Writes the up axis and the scale.
+fn scene(o: &mut Lines, s: &Survey) {
+    let arranged = &s.arranged;
     let by = match s.standing.by {
         UpBy::Measured if s.standing.matrix.is_some() => {
             "The capture is tilted: `matrix` below rotates it so that this axis points up."
@@ -104,7 +130,7 @@ pub fn text(survey: &Survey) -> String {
             "The up axis is a GUESS: if the picture is tilted or upside down, write \"+z\", \"+y\" or \"-y\" here."
         }
     };
-    line(&format!("    // {by}"));
+    o.line(&format!("    // {by}"));
     let scale = if is_known(&s.standing.stand) {
         format!("`metres_per_unit` was measured: {}.", s.standing.stand.scale.reason)
     } else {
@@ -113,18 +139,22 @@ pub fn text(survey: &Survey) -> String {
             "`metres_per_unit` is NOT KNOWN: measure something of known length, and write its length in metres divided by its length in units.{fitted}"
         )
     };
-    line(&format!("    // {scale}"));
-    line(&format!(
+    o.line(&format!("    // {scale}"));
+    o.line(&format!(
         "    scene: (up: \"{}\", metres_per_unit: {}, seed: 7),",
         s.standing.up.name(),
         number(s.metres_per_unit)
     ));
-    line("");
-    line("    nodes: (");
-    line("        // Your files; paths are relative to this file.");
-    line(&format!("        scene:  LoadSplats(path: {}{turned}),", quoted(&s.splats)));
-    line(&format!("        object: LoadObject(path: {}),", quoted(&s.object)));
-    line("");
+}
+
+/// Writes the files of the scene and of the object, and the pose.
+fn object(o: &mut Lines, s: &Survey) {
+    let arranged = &s.arranged;
+    let (turned, size) = (matrix(s.standing.matrix.as_ref()), s.extents.size());
+    o.line("        // Your files; paths are relative to this file.");
+    o.line(&format!("        scene:  LoadSplats(path: {}{turned}),", quoted(&s.splats)));
+    o.line(&format!("        object: LoadObject(path: {}),", quoted(&s.object)));
+    o.line("");
     let on = match arranged.surface {
         Some(surface) => format!(
             "on a level surface, {} above the floor, with {} of free space around it",
@@ -135,8 +165,8 @@ pub fn text(survey: &Survey) -> String {
             "at the height of the lowest point of the capture, because no level surface was found".to_owned()
         }
     };
-    line(&format!("        // Where the object stands: {on}."));
-    line(
+    o.line(&format!("        // Where the object stands: {on}."));
+    o.line(
         "        // You will edit this line most often. `yaw_deg` turns the object, counter-clockwise seen from above.",
     );
     let fitted = if arranged.fitted && is_known(&s.standing.stand) {
@@ -144,44 +174,52 @@ pub fn text(survey: &Survey) -> String {
     } else {
         String::new()
     };
-    line(&format!("        // Scale 1 is the object's own size.{fitted}"));
-    line(&format!(
+    o.line(&format!("        // Scale 1 is the object's own size.{fitted}"));
+    o.line(&format!(
         "        pose:   Pose(translation: {}, yaw_deg: {}, scale: {}),",
         vector(s.translation),
         number(s.yaw_deg),
         number(arranged.scale)
     ));
-    line("");
+}
+
+/// Writes the mesh of the place, and the object on it.
+fn mesh(o: &mut Lines, s: &Survey) {
+    let turned = matrix(s.standing.matrix.as_ref());
     match &s.mesh {
         Some(mesh) => {
-            line("        // The mesh of the place receives shadows and reflects light.");
-            line(&format!("        proxy:  LoadMesh(path: {}{turned}),", quoted(mesh)));
+            o.line("        // The mesh of the place receives shadows and reflects light.");
+            o.line(&format!("        proxy:  LoadMesh(path: {}{turned}),", quoted(mesh)));
         }
-        None if arranged.surface.is_none() => {
-            line("        // No level surface was found, so a plane receives the shadows.");
-            line("        proxy:  Plane(at: \"pose\", splats: \"scene\"),");
+        None if s.arranged.surface.is_none() => {
+            o.line("        // No level surface was found, so a plane receives the shadows.");
+            o.line("        proxy:  Plane(at: \"pose\", splats: \"scene\"),");
         }
         None => {
-            line(
+            o.line(
                 "        // The mesh of the place, made from the splats, receives shadows and reflects light.",
             );
-            line("        proxy:  ExtractMesh(splats: \"scene\", around: \"pose\", cameras: \"camera\"),");
+            o.line("        proxy:  ExtractMesh(splats: \"scene\", around: \"pose\", cameras: \"camera\"),");
         }
     }
-    line(
+    o.line(
         "        // Moves the object down or up onto the mesh; for an object that hangs, wire `pose` to `placed` instead.",
     );
-    let reach = digits((0.6 * height * s.metres_per_unit).max(0.02));
-    line(&format!(
+    let reach = one_digit((0.6 * height(s) * s.metres_per_unit).max(0.02));
+    o.line(&format!(
         "        stands: Snap(object: \"object\", pose: \"pose\", mesh: \"proxy\", reach_metres: {}),",
         number(reach)
     ));
-    line("        placed: Place(object: \"object\", pose: \"stands\"),");
-    line("");
+    o.line("        placed: Place(object: \"object\", pose: \"stands\"),");
+}
+
+/// Writes the camera.
+fn camera(o: &mut Lines, s: &Survey) {
+    let arranged = &s.arranged;
     match (&s.photo, &s.cameras, arranged.view) {
         (Some(photo), Some(cameras), _) => {
-            line("        // The camera of the photograph.");
-            line(&format!(
+            o.line("        // The camera of the photograph.");
+            o.line(&format!(
                 "        camera: LoadCameras(path: {}, pick: [{}]{}),",
                 quoted(cameras),
                 quoted(&photo.camera),
@@ -192,13 +230,14 @@ pub fn text(survey: &Survey) -> String {
             let (eye, target, fov) = view.map_or_else(
                 || {
                     let [right, forward, up] = nodes::math::equirect::axes(s.standing.up);
+                    let extent = s.extents.size().length() / s.metres_per_unit * arranged.scale;
                     let away = (right * 0.5 - forward + up * 0.4) * (4.0 * extent);
                     (arranged.place + away, arranged.place, 45.0)
                 },
                 |view| (view.eye, view.target, view.fov_y_deg),
             );
-            line("        // The camera, in free space with a clear view of the object.");
-            line(&format!(
+            o.line("        // The camera, in free space with a clear view of the object.");
+            o.line(&format!(
                 "        camera: Camera(eye: {}, target: {}, width_px: {}, height_px: {}, fov_y_deg: {}),",
                 vector(eye),
                 vector(target),
@@ -208,159 +247,88 @@ pub fn text(survey: &Survey) -> String {
             ));
         }
     }
-    line("");
-    line(
+}
+
+/// Writes the recovery of the light at the object.
+fn light(o: &mut Lines, s: &Survey) {
+    let near = near(s);
+    o.line(
         "        // The light at the object: six views become a panorama, and the light lost to clipping is predicted.",
     );
-    line(&format!(
+    o.line(&format!(
         "        probe:  CubeRig(at: \"stands\", height_metres: {}, size_px: 256),",
-        number(digits((0.6 * height * s.metres_per_unit).max(1e-3)))
+        number(s.probe_metres)
     ));
-    line(&format!("        faces:  SplatRender(splats: \"scene\", rig: \"probe\"{near}),"));
-    line("        pano:   Stitch(views: \"faces\", width_px: 512),");
-    line("        dark:   PredictExposure(pano: \"pano\", evs: [-6.0, -3.0], method: Learned),");
-    line("        env:    FuseHdr(base: \"pano\", brackets: \"dark\"),");
-    line("");
-    match &s.photo {
-        Some(photo) => line(&format!("        view:   LoadImage(path: {}),", quoted(&photo.path))),
-        None => line(&format!("        view:   SplatRender(splats: \"scene\", rig: \"camera\"{near}),")),
+    o.line(&format!("        faces:  SplatRender(splats: \"scene\", rig: \"probe\"{near}),"));
+    o.line("        pano:   Stitch(views: \"faces\", width_px: 512),");
+    o.line("        dark:   PredictExposure(pano: \"pano\", evs: [-6.0, -3.0], method: Learned),");
+    match s.sky {
+        Sky::Seen => o.line("        env:    FuseHdr(base: \"pano\", brackets: \"dark\"),"),
+        Sky::Missing(share) => {
+            o.line(&format!(
+                "        // {} of the upper half shows nothing, and the rest is too dark for the bright ground. `ground_albedo`",
+                percent(share)
+            ));
+            o.line(
+                "        // makes the unseen part a white sky that gives the ground this albedo: grass 0.2, stone or sand 0.3, concrete 0.4.",
+            );
+            o.line(&format!(
+                "        env:    FuseHdr(base: \"pano\", brackets: \"dark\", ground_albedo: {}),",
+                number(ALBEDO)
+            ));
+        }
+        Sky::Unknown(share) => {
+            o.line(&format!(
+                "        // {} of the upper half shows nothing, so the light is UNKNOWN and the object may be dark. A panorama gives light:",
+                percent(share)
+            ));
+            o.line("        // env: LoadEnvironment(path: \"sky.hdr\"), in place of the line below.");
+            o.line("        env:    FuseHdr(base: \"pano\", brackets: \"dark\"),");
+        }
     }
-    line("        // More `samples` give less noise; samples already traced are reused.");
-    line("        trace:  PathTrace(");
-    line(
+}
+
+/// Writes the trace and the finished picture.
+fn picture(o: &mut Lines, s: &Survey) {
+    let near = near(s);
+    match &s.photo {
+        Some(photo) => o.line(&format!("        view:   LoadImage(path: {}),", quoted(&photo.path))),
+        None => o.line(&format!("        view:   SplatRender(splats: \"scene\", rig: \"camera\"{near}),")),
+    }
+    o.line("        // More `samples` give less noise; samples already traced are reused.");
+    o.line("        trace:  PathTrace(");
+    o.line(
         "            receiver: \"proxy\", objects: [\"placed\"], rig: \"camera\", env: \"env\", samples: 8, clamp_indirect: 4.0,",
     );
-    line("        ),");
-    line("        clean:  Denoise(");
-    line("            without: \"trace.without\", with: \"trace.with\", object: \"trace.object\",");
-    line("            depth: \"trace.depth\", normal: \"trace.normal\", variance: \"trace.variance\",");
-    line("        ),");
-    line(
+    o.line("        ),");
+    o.line("        clean:  Denoise(");
+    o.line("            without: \"trace.without\", with: \"trace.with\", object: \"trace.object\",");
+    o.line("            depth: \"trace.depth\", normal: \"trace.normal\", variance: \"trace.variance\",");
+    o.line("        ),");
+    o.line(
         "        shadow: ShadowRatio(without: \"clean.without\", with: \"clean.with\", gamma: 0.8, s_min: 0.05, lambda: 1.0),",
     );
-    line(
+    o.line(
         "        // Splats in front of the object, where the mesh has no surface, are drawn over the object.",
     );
-    line(&format!(
+    o.line(&format!(
         "        front:  SplatRender(splats: \"scene\", rig: \"camera\", limit: \"trace.nearest\"{near}),"
     ));
-    line(
-        "        final:  Composite(background: \"view\", object: \"clean.object\", shadow: \"shadow\", front: \"front\"),",
+    o.line("        // The object becomes as sharp as the picture of the place around it.");
+    o.line("        final:  Composite(");
+    o.line(
+        "            background: \"view\", object: \"clean.object\", shadow: \"shadow\", front: \"front\", sharpness: Match,",
     );
-    line("        save:   WriteImage(image: \"final\", path: \"picture.png\"),");
-    line("    ),");
-    line(")");
-    o
+    o.line("        ),");
+    o.line("        save:   WriteImage(image: \"final\", path: \"picture.png\"),");
 }
 
-/// Describes a confidence in words.
-fn sure(confidence: f64) -> String {
-    let word = if confidence >= nodes::geometry::level::SURE {
-        "sure"
-    } else if confidence >= 0.6 {
-        "likely"
-    } else {
-        "not sure"
-    };
-    format!("{word} ({confidence:.2})")
-}
+/// Albedo of the ground where it is not known: that of stone or sand.
+pub(super) const ALBEDO: f64 = 0.3;
 
-/// Lists the assumptions, one per line, each with its confidence and the line of the graph to edit.
-pub fn assumptions(survey: &Survey, graph: &str, path: &Path) -> String {
-    let s = survey;
-    let at = |begin: &str| {
-        let number = graph.lines().position(|line| line.trim_start().starts_with(begin)).map_or(0, |n| n + 1);
-        format!("{}:{number}", path.display())
-    };
-    let digits = s.decimals().min(3);
-    let mut out = String::from("assumed:\n");
-    let mut line = |what: &str, value: String, confidence: Option<f64>, begin: &str| {
-        let confidence = confidence.map(|c| format!(", {}", sure(c))).unwrap_or_default();
-        // Writing to a string cannot fail.
-        let _ = writeln!(out, "{what:>9}  {value}{confidence}   [{}]", at(begin));
-    };
-    let by = match s.standing.by {
-        UpBy::Measured if s.standing.stand.by_cameras => "measured from the cameras",
-        UpBy::Measured => "measured from the ground and the objects on it",
-        UpBy::Format => "defined by the file format, but not confirmed by the splats",
-        UpBy::Guessed => "guessed",
-    };
-    let turned = if s.standing.matrix.is_some() { " after the rotation by `matrix`" } else { "" };
-    line("up", format!("{}{turned}, {by}", s.standing.up.name()), Some(s.standing.confidence), "scene: (");
-    let axis = match s.standing.up {
-        Up::PlusZ => ("z", 1.0),
-        Up::PlusY => ("y", 1.0),
-        Up::MinusY => ("y", -1.0),
-    };
-    let floor = length(s.standing.stand.floor * axis.1, digits);
-    let ceiling = s
-        .standing
-        .stand
-        .ceiling
-        .map(|c| format!(", ceiling at {}", length(c * axis.1, digits)))
-        .unwrap_or_default();
-    line(
-        "floor",
-        format!("{} = {floor}{ceiling}", axis.0),
-        Some(s.standing.stand.floor_confidence.min(s.standing.confidence)),
-        "pose:",
-    );
-    match s.standing.stand.scale.metres_per_unit {
-        Some(_) if is_known(&s.standing.stand) => line(
-            "scale",
-            format!("{} m per unit: {}", number(s.metres_per_unit), s.standing.stand.scale.reason),
-            Some(s.standing.stand.scale.confidence),
-            "scene: (",
-        ),
-        _ => line(
-            "scale",
-            format!("NOT KNOWN; the graph assumes {} m per unit", number(s.metres_per_unit)),
-            None,
-            "scene: (",
-        ),
-    }
-    match s.arranged.surface {
-        Some(surface) => line(
-            "place",
-            format!(
-                "{} on a level surface, {} above the floor, with {} of free space around it",
-                vector(s.translation),
-                length(surface.height.max(0.0), digits),
-                length(surface.radius, digits)
-            ),
-            None,
-            "pose:",
-        ),
-        None => {
-            line("place", format!("{}; NO LEVEL SURFACE was found", vector(s.translation)), None, "pose:");
-        }
-    }
-    let size = s.extents.size().max_element();
-    let units = length(size / s.metres_per_unit * s.arranged.scale, digits);
-    if s.arranged.fitted && is_known(&s.standing.stand) {
-        let text = format!("scaled by {} to {units} units, to fit", number(s.arranged.scale));
-        line("size", text, None, "pose:");
-    } else {
-        line("size", format!("unchanged from its file: {size:.2} m, which is {units} units"), None, "pose:");
-    }
-    match (&s.photo, s.arranged.view) {
-        (Some(photo), _) => {
-            line("camera", format!("the camera of the photograph, `{}`", photo.camera), None, "camera:");
-        }
-        (None, Some(view)) => {
-            let shows =
-                if view.score >= 0.6 { "sees the object well" } else { "does NOT see the object well" };
-            line("camera", format!("at {}, {shows}", vector(view.eye)), None, "camera:");
-        }
-        (None, None) => {
-            line("camera", "NO FREE PLACE with a view of the object was found".to_owned(), None, "camera:");
-        }
-    }
-    if s.mesh.is_none() {
-        let made = if s.arranged.surface.is_some() { "extracted from the splats" } else { "a plane" };
-        line("mesh", made.to_owned(), None, "proxy:");
-    }
-    out
+/// Writes a share in percent, for comments and messages.
+pub(super) fn percent(share: f64) -> String {
+    format!("{:.0} %", 100.0 * share)
 }
 
 #[cfg(test)]

@@ -1,6 +1,8 @@
 //! `init`: creates a folder with a first graph, for a synthetic scene or for the user's files.
 
+mod assumptions;
 mod graph;
+mod sky;
 mod survey;
 
 use std::path::PathBuf;
@@ -85,7 +87,7 @@ impl Init {
                     Err(error) => return Ok(crate::session::splats::failed(&error)),
                 };
                 let graph = graph::text(&survey);
-                let shown = graph::assumptions(&survey, &graph, &path(GRAPH));
+                let shown = assumptions::list(&survey, &graph, &path(GRAPH));
                 (graph, shown)
             }
             _ => (include_str!("../../../graphs/starter.ron").to_owned(), String::new()),

@@ -11,12 +11,15 @@ use nodes::math::equirect::axes;
 use nodes::render::layout::{Arrangement, Extents, arrange};
 use nodes::types::Rig;
 
+use super::sky::Sky;
 use crate::session::splats;
 use crate::session::standing::Standing;
 
 /// Range of scene radii, in units. A scene of unknown scale is assumed to be in metres if its radius is in this
 /// range.
 const METRIC: [f64; 2] = [1.0, 100.0];
+/// Default of the near plane of views, in metres.
+pub const NEAR: f64 = 0.2;
 /// Width and height of the first picture.
 pub const SIZE: [u32; 2] = [960, 540];
 
@@ -71,6 +74,10 @@ pub struct Survey {
     pub translation: DVec3,
     /// Rotation of the object about the up axis, in degrees.
     pub yaw_deg: f64,
+    /// Height of the probe above the foot of the object, in metres.
+    pub probe_metres: f64,
+    /// The light at the probe.
+    pub sky: Sky,
 }
 
 /// The path of a file as written in a graph in `folder`: relative to `folder` if the two have a common parent
@@ -142,6 +149,11 @@ impl Survey {
             yaw(up, yaw_deg, to_world.transform_vector3(DVec3::new(centre.x, extents.low.y, centre.z)));
         let translation = round(arranged.place - offset * arranged.scale);
         let path = |file: &Path| relative(files.folder, file);
+        let tall = extents.size().y * arranged.scale;
+        let probe_metres = one_digit((0.6 * tall).max(1e-3));
+        let eye = arranged.place + axes(up)[2] * (probe_metres / metres_per_unit);
+        let near = one_digit((0.1 * extents.size().length() * arranged.scale).min(NEAR)) / metres_per_unit;
+        let sky = Sky::at(&standing.splats, eye, up, near)?;
         Ok(Self {
             splats: path(files.splats)?,
             object: path(files.object)?,
@@ -154,6 +166,8 @@ impl Survey {
             arranged,
             translation,
             yaw_deg,
+            probe_metres,
+            sky,
         })
     }
 
@@ -166,6 +180,15 @@ impl Survey {
 /// True if the measured scale of a scene is certain enough to be written to the graph.
 pub fn is_known(stand: &LevelEstimate) -> bool {
     stand.scale.metres_per_unit.is_some() && stand.scale.confidence >= 0.5
+}
+
+/// The largest number with one significant digit that is at most `value`.
+pub fn one_digit(value: f64) -> f64 {
+    let mut unit = 1e-9;
+    while unit * 10.0 <= value {
+        unit *= 10.0;
+    }
+    (value / unit).floor() * unit
 }
 
 fn three_digits(value: f64) -> f64 {

@@ -1,7 +1,6 @@
 //! `inspect`: prints the properties of a scene of splats, a mesh or a picture.
 
 mod answer;
-mod look;
 mod other;
 mod person;
 mod picture;
@@ -16,6 +15,7 @@ use nodes::io::splats::Format;
 use nodes::kinds::load_mesh::MeshFrame;
 
 use crate::session::Error;
+use crate::session::look;
 use crate::session::mesh as mesh_file;
 use crate::session::splats::{self, MemoryArgs};
 use crate::terminal;
@@ -25,7 +25,7 @@ use answer::Answer;
 /// mistakes.
 #[derive(Debug, Args)]
 pub struct Inspect {
-    /// A file or folder of splats (PLY, compressed PLY, SOG, SPZ, .splat, .ksplat, glTF), a mesh (PLY, glTF), or a
+    /// A file or folder of splats (PLY, compressed PLY, SOG, SPZ, .splat, .ksplat, glTF), a mesh (PLY, glTF, OBJ, STL), or a
     /// picture or panorama (PNG, JPEG, OpenEXR, Radiance HDR)
     file: PathBuf,
     /// Print one JSON object on standard output
@@ -68,10 +68,15 @@ impl Inspect {
             self.print(&answer)?;
             return self.draw(|| look::of_panorama(&self.file, &bytes));
         }
+        let of_mesh = mesh_file::format(&self.file, &bytes);
         // The loaders read the file again.
         drop(bytes);
-        let inspected = splats::load_plain(&self.file, &cx)
-            .and_then(|(scene, degree, notes)| Ok((splats_of(&scene, degree, &cx)?, notes)));
+        // The bytes of an OBJ or STL file may pass for those of splats.
+        let inspected = match mesh_file::named(&self.file) {
+            Some(_) => Err(NodeError::new("a mesh")),
+            None => splats::load_plain(&self.file, &cx)
+                .and_then(|(scene, degree, notes)| Ok((splats_of(&scene, degree, &cx)?, notes))),
+        };
         let failed = match inspected {
             Ok((scene, notes)) => {
                 // `inspect` reads coordinates as stored, so this note about graphs does not apply.
@@ -89,8 +94,9 @@ impl Inspect {
             Ok((found, notes)) if !found.triangles.is_empty() => {
                 let inspected = mesh::inspect(&found);
                 (answer.holds, answer.mesh, answer.notes) = ("mesh", Some(&inspected), &notes);
+                let declared = (of_mesh == "gltf").then_some(Up::PlusY);
+                (answer.format, answer.declared_up) = (Some(of_mesh), declared.map(Up::name));
                 self.print(&answer)?;
-                let declared = format.and_then(Format::declared_up);
                 return self.draw(|| look::of_mesh(&found, declared));
             }
             Err(of_mesh) if is_mesh => return Ok(splats::failed(&of_mesh)),

@@ -2,18 +2,17 @@
 
 mod trace;
 
-use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
 use clap::Args;
-use engine::{Engine, Event, Outcome, RunOptions, State, run_unchanged};
+use engine::{Engine, Event, Outcome, RunOptions, run_unchanged};
 use serde_json::{Value, json};
 use trace::Trace;
 
-use crate::session::agreement;
+use crate::session::agreement::{self, Done, Memory};
 use crate::session::origin::Origin;
 use crate::session::{
     EngineArgs, Error, GraphArgs, Loaded, RemoteArgs, budget, cache_folder, locked, on_interrupt, time,
@@ -119,12 +118,10 @@ impl Run {
         }
         let mut trace = Trace::default();
         // Failures are printed before the end, which is the last line of JSON.
-        let (mut end, mut ran) = (None, BTreeSet::new());
+        let (mut end, mut done) = (None, Done::default());
         let outcome = engine.run(graph, &options, |event| {
             trace.add(&event);
-            if let Event::Node { id, state: State::Ran, .. } = &event {
-                ran.insert(id.clone());
-            }
+            done.add(&event);
             match event {
                 Event::Done(_) if self.json => end = Some(event),
                 event => report.show(&event),
@@ -136,8 +133,12 @@ impl Run {
         if let Some(failures) = &outcome.failures {
             terminal::mistakes(failures, self.json);
         }
-        if outcome.totals.exit_code() == 0 || outcome.totals.exit_code() == 3 {
-            for (id, text) in agreement::findings(&engine, graph, &ran) {
+        // If another node failed, what this run has of splats, mesh and cameras is still compared.
+        if !outcome.totals.stopped {
+            let mut memory = Memory::of_store(engine.store(), &graph.source, &graph.root);
+            let found = agreement::findings(&engine, graph, &done, &mut memory);
+            memory.keep(engine.store(), &graph.source, &done, &found);
+            for (id, text) in found {
                 report.show(&Event::Warning { id, text });
             }
         }
@@ -178,8 +179,22 @@ impl Run {
         self.engine.memory()?;
         let mut report = self.report();
         let (folder, kinds) = (cache_folder(self.engine.cache.as_deref())?, nodes::registry());
-        let show = |event| report.show(&event);
-        Ok(run_unchanged(&folder, &origin.source, &kinds, &origin.root, &self.out, show))
+        let (mut events, mut done) = (Vec::new(), Done::default());
+        let keep = |event: Event| {
+            done.add(&event);
+            events.push(event);
+        };
+        let Some(outcome) = run_unchanged(&folder, &origin.source, &kinds, &origin.root, &self.out, keep)
+        else {
+            return Ok(None);
+        };
+        let memory = Memory::of_folder(&folder, &origin.source, &origin.root);
+        let Some(found) = memory.of_unchanged(&origin.source, &done) else { return Ok(None) };
+        let warnings = found.into_iter().map(|(id, text)| Event::Warning { id, text });
+        // The totals come last.
+        let end = events.pop();
+        events.into_iter().chain(warnings).chain(end).for_each(|event| report.show(&event));
+        Ok(Some(outcome))
     }
 
     fn report(&self) -> Report {

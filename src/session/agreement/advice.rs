@@ -17,16 +17,18 @@ pub fn texts(graph: &Graph, pair: &Pair, found: &Comparison) -> Vec<pair::Findin
     let percent = 100.0 * found.agreement;
     let text = |finding: Finding| match finding {
         Finding::Elsewhere => {
-            let measured = format!(
-                "the agreement of the depths of the splats `{splats}` and the mesh `{mesh}` is {percent:.0} %, measured at \
-                 {} points in the views and around the object",
-                found.points
-            );
             let text = match &found.best {
-                Some(best) => format!("{measured}; {}", moved(graph, pair, best)),
+                Some(best) => format!(
+                    "the agreement of the splats `{splats}` and the mesh `{mesh}` is {:.0} %; {}",
+                    100.0 * best.before,
+                    moved(graph, pair, best)
+                ),
                 None => format!(
-                    "{measured}; no combination of scale, rotation and shift of the mesh was found that makes them agree: check that \
-                     both show the same place, or use `ExtractMesh` instead of the mesh"
+                    "the agreement of the depths of the splats `{splats}` and the mesh `{mesh}` is {percent:.0} %, measured \
+                     at {} points in the views and around the object; no combination of scale, rotation, reflection \
+                     and shift of the mesh was found that makes them agree: check that both show the same place, or \
+                     use `ExtractMesh` instead of the mesh",
+                    found.points
                 ),
             };
             ("mesh-elsewhere", text)
@@ -82,6 +84,14 @@ fn moved(graph: &Graph, pair: &Pair, best: &Moved) -> String {
     };
     let loader = above(graph, wire.node, input).find(|&node| graph.nodes[node].kind.name == kind);
     let percent = 100.0 * best.agreement;
+    if best.is_mirrored() {
+        return format!(
+            "with the mesh {}, the agreement is {percent:.0} %: the mesh was probably written for axes of the other \
+             handedness, which `matrix` cannot change; export the mesh again with axes that are rotated, not swapped or \
+             negated",
+            mirrored(&best.by)
+        );
+    }
     let known = match loader {
         Some(node) if kind == "load-mesh" => {
             graph.nodes[node].params::<LoadMesh>().map(|p| (p.matrix, p.frame))
@@ -102,10 +112,35 @@ fn moved(graph: &Graph, pair: &Pair, best: &Moved) -> String {
         }
         _ => format!("transform the {what} by the matrix {}", rows(&by)),
     };
+    let other =
+        if best.is_decided { "" } else { ", or that of the splats if cameras and mesh fit each other" };
     format!(
-        "{}, the agreement is {percent:.0} %: the frame of the {what} is probably wrong; {advice}",
+        "{}, the agreement is {percent:.0} %: the frame of the {what} is probably wrong{other}; {advice}",
         change(&by, what, best)
     )
+}
+
+/// Describes a transform of the mesh that contains a reflection.
+fn mirrored(by: &Similarity) -> String {
+    // The rows of the rotation.
+    let rows = by.rotation.transpose();
+    let coordinate = |row: DVec3| {
+        let names = [("x", row.x), ("y", row.y), ("z", row.z)];
+        let (name, value) = names.into_iter().find(|(_, value)| value.abs() > 0.999)?;
+        Some(if value < 0.0 { format!("-{name}") } else { name.to_owned() })
+    };
+    let all = [rows.x_axis, rows.y_axis, rows.z_axis].map(coordinate);
+    let mut parts = vec![match all {
+        [Some(x), Some(y), Some(z)] => format!("mirrored, that is (x, y, z) replaced by ({x}, {y}, {z})"),
+        _ => "mirrored".to_owned(),
+    }];
+    if (by.scale - 1.0).abs() > 1e-9 {
+        parts.push(format!("scaled by {}", digits(by.scale, 4)));
+    }
+    if by.offset != DVec3::ZERO {
+        parts.push(format!("shifted by {}", vector(by.offset)));
+    }
+    parts.join(" and ")
 }
 
 /// True if two transforms are equal up to the accuracy of the search.
@@ -134,11 +169,14 @@ fn change(by: &Similarity, what: &str, best: &Moved) -> String {
     format!("with the {what} {}", parts.join(" and "))
 }
 
-/// The matrix of a transform in the notation of graph files.
+/// The matrix of a transform in the notation of graph files. Elements below the accuracy of the search are 0.
 fn rows(by: &Similarity) -> String {
-    let smallest = 1e-9 * by.scale.max(by.offset.length());
-    let one = |value: &f64| if value.abs() < smallest { "0.0".to_owned() } else { digits(*value, 6) };
-    format!("Some(({}))", by.rows().iter().map(one).collect::<Vec<_>>().join(", "))
+    let one = |(i, value): (usize, &f64)| {
+        let size = if i % 4 == 3 { by.offset.length() } else { by.scale };
+        if value.abs() <= 1e-6 * size { "0.0".to_owned() } else { digits(*value, 6) }
+    };
+    let all: Vec<String> = by.rows()[..12].iter().enumerate().map(one).collect();
+    format!("Some(({}, 0.0, 0.0, 0.0, 1.0))", all.join(", "))
 }
 
 fn vector(v: DVec3) -> String {
@@ -171,6 +209,15 @@ fn digits(value: f64, count: usize) -> String {
 mod tests {
     use super::*;
 
+    /// A reflection is described by the new coordinates. This test fails without the transposition in `mirrored`.
+    #[test]
+    fn reflections_are_described_by_coordinates() {
+        // x becomes -y, y becomes z, z becomes x.
+        let rotation = glam::DMat3::from_cols(DVec3::Z, DVec3::NEG_X, DVec3::Y);
+        let by = Similarity { rotation, scale: 0.01, offset: DVec3::ZERO };
+        assert_eq!(mirrored(&by), "mirrored, that is (x, y, z) replaced by (-y, z, x) and scaled by 0.01");
+    }
+
     #[test]
     fn numbers_are_those_of_graphs() {
         assert_eq!(
@@ -179,5 +226,9 @@ mod tests {
         );
         let half = Similarity { scale: 0.5, ..Similarity::IDENTITY };
         assert!(rows(&half).starts_with("Some((0.5, 0.0, 0.0, 0.0, 0.0, 0.5,"), "{}", rows(&half));
+        // A far shift does not hide a small factor.
+        let far = Similarity { scale: 0.001, offset: DVec3::new(5e6, 1e-4, 0.0), ..Similarity::IDENTITY };
+        let wanted = "Some((0.001, 0.0, 0.0, 5000000.0, 0.0, 0.001, 0.0, 0.0, 0.0, 0.0, 0.001, 0.0, 0.0, 0.0, 0.0, 1.0))";
+        assert_eq!(rows(&far), wanted);
     }
 }

@@ -1,11 +1,10 @@
 //! Finds splats in front of an inserted object, from the pictures of a run.
 
-use std::collections::BTreeSet;
-
 use engine::{Engine, Graph, Wire};
 use nodes::geometry::before_object::{Depths, share};
 use nodes::types::{Images, Picture};
 
+use super::memory::{Done, Key, Memory};
 use super::pair::{Finding, of_kind};
 use crate::session::wires;
 
@@ -17,14 +16,19 @@ const MOST_PAIRS: usize = 4;
 /// of an object covered 11 % of the object along the edge of the post.
 const LEAST: f64 = 0.2;
 
-/// Compares each picture of splats with each trace of the same cameras. `ran` has the names of the nodes that this
-/// run computed. A pair that contains none of these nodes is skipped, since an earlier run reported its findings.
-/// Pairs whose values are not in the cache are left out.
-pub fn findings(engine: &Engine, graph: &Graph, ran: &BTreeSet<String>) -> Vec<Finding> {
-    let is_new = |node: usize| ran.contains(graph.nodes[node].id.as_str());
-    let new = pairs(graph).into_iter().filter(|&(splats, trace)| is_new(splats) || is_new(trace));
+/// Compares each picture of splats with each trace of the same cameras. Pairs of which this run has no results are
+/// left out. The findings are remembered with the keys of the nodes.
+pub fn findings(engine: &Engine, graph: &Graph, done: &Done, memory: &mut Memory) -> Vec<Finding> {
+    let key = |(splats, trace): (usize, usize)| {
+        let mut key = Key::new("before object");
+        [splats, trace].into_iter().try_for_each(|node| key.output(graph, Wire { node, port: 0 }, done))?;
+        Some(key.digest())
+    };
     let text = |(splats, trace): (usize, usize)| {
-        let share = of_pair(engine, graph, splats, trace).filter(|share| *share >= LEAST)?;
+        let share = of_pair(engine, graph, splats, trace)?;
+        if share < LEAST {
+            return Some(Vec::new());
+        }
         let [a, b] = [splats, trace].map(|node| &graph.nodes[node].id);
         let text = format!(
             "`{a}` and `{b}`: splats are in front of the object at {:.0} % of its pixels, but the object is drawn over \
@@ -32,9 +36,10 @@ pub fn findings(engine: &Engine, graph: &Graph, ran: &BTreeSet<String>) -> Vec<F
              `{b}.nearest` to `limit` of a second `SplatRender`, and its picture to `front` of `Composite`",
             100.0 * share
         );
-        Some(("splats-before-object", text))
+        Some(vec![("splats-before-object", text)])
     };
-    new.take(MOST_PAIRS).filter_map(text).collect()
+    let keyed = pairs(graph).into_iter().filter_map(|pair| Some((key(pair)?, pair)));
+    keyed.take(MOST_PAIRS).flat_map(|(key, pair)| memory.remembered(key, || text(pair))).collect()
 }
 
 /// Pairs of a `splat-render` without `limit` and a `path-trace` with a receiver that have the same cameras. A trace

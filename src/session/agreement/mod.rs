@@ -2,18 +2,19 @@
 
 mod advice;
 mod before_object;
+mod memory;
 mod pair;
 
-use std::collections::BTreeSet;
-
-use engine::{Engine, Graph, Scene, Wire};
+use engine::{Digest, Engine, Graph, Scene, Wire};
 use glam::DVec3;
 use nodes::geometry::support::corners;
 use nodes::math::equirect::axes;
-use nodes::render::agreement::{Comparison, Place, compare};
+use nodes::render::agreement::{CapturedPlace, Comparison, compare};
 use nodes::types::{Mesh, Placed, Rig, Splats};
 
 use super::wires;
+use memory::Key;
+pub use memory::{Done, Memory};
 pub use pair::Finding;
 use pair::{Pair, above, of_kind};
 
@@ -24,23 +25,45 @@ const MOST_INPUTS: usize = 3;
 /// Kinds that make the mesh of a place from its splats. Such a mesh is always in the frame of the splats.
 const MADE_OF_SPLATS: [&str; 2] = ["extract-mesh", "plane"];
 
-/// Checks the pairs of splats and mesh of a graph. `ran` has the names of the nodes that this run computed. A pair
-/// is skipped if this run computed neither its splats nor its mesh nor its cameras, since an earlier run reported
-/// its findings. Values that are not in the cache are left out.
-pub fn findings(engine: &Engine, graph: &Graph, ran: &BTreeSet<String>) -> Vec<Finding> {
-    let is_new = |wire: &Wire| ran.contains(graph.nodes[wire.node].id.as_str());
+/// Checks the pairs of splats and mesh of a graph. `done` has the keys of the nodes whose results this run computed
+/// or found in the cache; other pairs are skipped. The findings of each comparison are remembered with the keys of
+/// its nodes, so that each run reports them and only a change leads to a new comparison.
+pub fn findings(engine: &Engine, graph: &Graph, done: &Done, memory: &mut Memory) -> Vec<Finding> {
     let mut found = Vec::new();
-    let changed = |pair: &Pair| is_new(&pair.splats) || is_new(&pair.mesh) || pair.rigs.iter().any(is_new);
-    let compared = pairs(graph).into_iter().filter(changed).take(MOST_PLACES);
-    for pair in compared.filter(|pair| !is_made_of_splats(graph, pair.mesh.node)) {
-        if let Some(comparison) = of_pair(engine, graph, &pair) {
-            found.extend(advice::texts(graph, &pair, &comparison));
-        }
+    let compared = pairs(graph).into_iter().filter(|pair| !is_made_of_splats(graph, pair.mesh.node));
+    let keyed = compared.filter_map(|pair| Some((key(graph, &pair, done)?, pair)));
+    for (key, pair) in keyed.take(MOST_PLACES) {
+        let compare = || {
+            let comparison = of_pair(engine, graph, &pair)?;
+            Some(comparison.map_or_else(Vec::new, |found| advice::texts(graph, &pair, &found)))
+        };
+        found.extend(memory.remembered(key, compare));
     }
     if found.is_empty() {
-        found = before_object::findings(engine, graph, ran);
+        found = before_object::findings(engine, graph, done, memory);
     }
     found
+}
+
+/// Digest of everything that the findings about a pair depend on. `None` if the run has no result of its splats, its
+/// mesh or one of its rigs.
+fn key(graph: &Graph, pair: &Pair, done: &Done) -> Option<Digest> {
+    let mut key = Key::new("pair");
+    let Scene { up, metres_per_unit, .. } = graph.scene;
+    key.text(up.name());
+    key.bytes(&metres_per_unit.to_le_bytes());
+    for (wire, input) in [(pair.splats, "splats"), (pair.mesh, "mesh")] {
+        key.output(graph, wire, done)?;
+        // The text names the loader.
+        above(graph, wire.node, input).for_each(|node| key.text(&graph.nodes[node].id));
+    }
+    pair.rigs.iter().try_for_each(|&rig| key.output(graph, rig, done))?;
+    key.text("objects");
+    for &object in &pair.objects {
+        // An object whose node failed is left out of the comparison.
+        let _ = key.output(graph, object, done);
+    }
+    Some(key.digest())
 }
 
 /// True if a mesh is made from splats.
@@ -78,8 +101,8 @@ fn pairs(graph: &Graph) -> Vec<Pair> {
 }
 
 /// Compares splats and mesh in the views of the cameras and around the objects. Returns `None` if a value is not in
-/// the cache or there is nothing to compare.
-fn of_pair(engine: &Engine, graph: &Graph, pair: &Pair) -> Option<Comparison> {
+/// the cache, and `Some(None)` if there is nothing to compare.
+fn of_pair(engine: &Engine, graph: &Graph, pair: &Pair) -> Option<Option<Comparison>> {
     let splats = engine.value::<Splats>(graph, pair.splats)?;
     let mesh = engine.value::<Mesh>(graph, pair.mesh)?;
     let rigs = pair.rigs.iter().filter_map(|&wire| engine.value::<Rig>(graph, wire));
@@ -87,7 +110,7 @@ fn of_pair(engine: &Engine, graph: &Graph, pair: &Pair) -> Option<Comparison> {
     let objects = pair.objects.iter().filter_map(|&wire| engine.value::<Placed>(graph, wire));
     let around: Vec<DVec3> = objects.filter_map(|placed| middle(&placed)).collect();
     let Scene { up, metres_per_unit, .. } = graph.scene;
-    let place = Place {
+    let place = CapturedPlace {
         splats: &splats,
         mesh: &mesh,
         cameras: &cameras,
@@ -95,7 +118,7 @@ fn of_pair(engine: &Engine, graph: &Graph, pair: &Pair) -> Option<Comparison> {
         axes: axes(up),
         metre: 1.0 / metres_per_unit,
     };
-    compare(&place, &super::splats::context(up)).ok()?
+    compare(&place, &super::splats::context(up)).ok()
 }
 
 /// Middle of the bounding box of an object in the world.

@@ -59,7 +59,7 @@ impl<'a> Run<'a> {
             &self.slots[wire.node].record.as_ref().expect("inputs are resolved first").outputs[wire.port]
         };
         let sizes = sizes(node, &self.slots[index].action.sources, output);
-        let (kind, work) = (node.kind.name, node.step.work(&sizes)?);
+        let (kind, work) = (node.kind.name, node.step.work(&sizes)?.max(0.0));
         let seconds = if node.kind.instant { Some(0.0) } else { self.known.seconds(store, &node.kind, work) };
         self.slots[index].time = TimeEstimate { kind, work, seconds };
         Ok(())

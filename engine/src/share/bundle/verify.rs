@@ -90,7 +90,7 @@ pub fn verify<R: Read + Seek>(
     bundle: &mut Bundle<R>,
     registry: &Registry,
     options: &VerifyOptions<'_>,
-    mut tell: impl FnMut(Event),
+    mut emit: impl FnMut(Event),
 ) -> Result<Verified, BundleError> {
     let refused = |error: &dyn std::fmt::Display| BundleError::Refused(error.to_string());
     bundle.check()?;
@@ -150,7 +150,7 @@ pub fn verify<R: Read + Seek>(
     let only: Vec<usize> = chosen.iter().copied().collect();
     let (out, cancel) = (place.path().join("out"), options.cancel.clone());
     let run = RunOptions { out, only, cancel, ..RunOptions::default() };
-    let outcome = recomputed.run(&graph, &run, &mut tell);
+    let outcome = recomputed.run(&graph, &run, &mut emit);
 
     let mut made = Outlook::new(&recomputed, &graph);
     let mut nodes = Vec::new();

@@ -210,7 +210,15 @@ simple!(
         Ok(params.files(|file| root.file(file).path).iter().map(|file| root.file(file)).collect())
     },
     fn views(params: &Self, root: &SourceRoot) -> ViewCount {
-        ViewCount::Known(params.files(|file| root.file(file).path).len())
+        let files = params.files(|file| root.file(file).path);
+        let path = |file: &InputFile| root.file(file).path;
+        match files.iter().find(|file| std::fs::read(path(file)).is_ok_and(|text| text == b"no digit")) {
+            Some(file) => ViewCount::Uncounted {
+                why: format!("`{}` holds no digit", file.0),
+                hint: Some("write a digit".to_owned()),
+            },
+            None => ViewCount::Known(files.len()),
+        }
     }
 );
 

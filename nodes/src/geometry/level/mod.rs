@@ -30,6 +30,8 @@ const AXES: usize = 6;
 const LEAST_LAYERING: f64 = 0.045;
 /// Minimum number of patches of the floor for a fully reliable estimate.
 const LEAST_OBSERVATIONS: f64 = 150.0;
+/// Maximum number of splats of a sample.
+const SAMPLED: usize = 1 << 16;
 /// Minimum confidence of a reliable direction.
 pub const SURE: f64 = 0.95;
 /// Largest confidence of an estimate from splats alone.
@@ -102,6 +104,25 @@ fn turn(from: DVec3, to: DVec3) -> DMat3 {
 /// same on every machine.
 pub fn of_splats(splats: &Splats, cameras: Option<&Rig>) -> Option<LevelEstimate> {
     estimate(&Patches::of_splats(splats), cameras)
+}
+
+/// Same as [`of_splats`] without cameras, from up to 65,536 of the splats, so that the time is small for any scene.
+pub fn of_sample(splats: &Splats) -> Option<LevelEstimate> {
+    let step = splats.len().div_ceil(SAMPLED).max(1);
+    let few = || (0..splats.len()).step_by(step);
+    let width = splats.sh_len();
+    let sample = Splats {
+        means: few().map(|i| splats.means[i]).collect(),
+        means_low: few().filter_map(|i| splats.means_low.get(i).copied()).collect(),
+        quats: few().map(|i| splats.quats[i]).collect(),
+        scales: few().map(|i| splats.scales[i]).collect(),
+        opacities: few().map(|i| splats.opacities[i]).collect(),
+        sh_degree: 0,
+        sh: few().filter_map(|i| splats.sh.get(i * width).copied()).collect(),
+        encoding: splats.encoding,
+        antialiased: splats.antialiased,
+    };
+    of_splats(&sample, None)
 }
 
 /// Estimates the orientation, floor and scale of a place from its mesh.

@@ -98,45 +98,68 @@ fn flat(patch: &Patch, up: DVec3) -> bool {
     patch.normal.is_some_and(|n| n.dot(up).abs() > 0.94)
 }
 
-/// Computes the profile of a scene along a direction.
-pub(super) fn profile(patches: &Patches, up: DVec3) -> Profile {
-    let core = &patches.core;
-    let total: f64 = core.iter().map(|p| p.weight).sum();
-    let mut heights: Vec<(f64, f64)> = core.iter().map(|p| (p.middle.dot(up), p.weight)).collect();
-    heights.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let at = |share: f64| {
-        let mut sum = 0.0;
-        for (h, w) in &heights {
-            sum += w;
-            if sum >= share * total {
-                return *h;
+/// Surface of a scene in layers perpendicular to a direction.
+struct Layers<'p> {
+    core: &'p [Patch],
+    up: DVec3,
+    /// Heights of the lowest and the highest surface, without outliers, in world units.
+    low: f64,
+    high: f64,
+    /// Thickness of a layer, in world units.
+    width: f64,
+    /// Weight of all surface.
+    total: f64,
+    /// Weight of the surface in each layer, and of the surface that lies flat in it.
+    all: [f64; LAYERS],
+    lying: [f64; LAYERS],
+}
+
+impl<'p> Layers<'p> {
+    fn of(patches: &'p Patches, up: DVec3) -> Self {
+        let core = patches.core.as_slice();
+        let total: f64 = core.iter().map(|p| p.weight).sum();
+        let mut heights: Vec<(f64, f64)> = core.iter().map(|p| (p.middle.dot(up), p.weight)).collect();
+        heights.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let at = |share: f64| {
+            let mut sum = 0.0;
+            for (h, w) in &heights {
+                sum += w;
+                if sum >= share * total {
+                    return *h;
+                }
+            }
+            heights.last().map_or(0.0, |h| h.0)
+        };
+        // An object on a bare floor is a small share of the surface, and dust far below the floor is a small share of
+        // the splats.
+        let ends = [heights.len() / 200, heights.len() - 1 - heights.len() / 200];
+        let [first, last] = ends.map(|i| heights[i].0);
+        let (low, high) = (at(0.004).min(first), at(0.996).max(last));
+        // Thinner layers than the noise of a floor would cut it in two.
+        let width = ((high - low) / LAYERS as f64).max(0.002 * patches.radius);
+        let (all, lying) = ([0.0; LAYERS], [0.0; LAYERS]);
+        let mut layers = Self { core, up, low, high, width, total, all, lying };
+        for p in core {
+            let layer = layers.layer(p);
+            layers.all[layer] += p.weight;
+            if flat(p, up) {
+                layers.lying[layer] += p.weight;
             }
         }
-        heights.last().map_or(0.0, |h| h.0)
-    };
-    // An object on a bare floor is a small share of the surface, and dust far below the floor is a small share of
-    // the splats.
-    let ends = [heights.len() / 200, heights.len() - 1 - heights.len() / 200];
-    let [first, last] = ends.map(|i| heights[i].0);
-    let (low, high) = (at(0.004).min(first), at(0.996).max(last));
-    // Thinner layers than the noise of a floor would cut it in two.
-    let width = ((high - low) / LAYERS as f64).max(0.002 * patches.radius);
-    let layer = |p: &Patch| {
-        let at = (p.middle.dot(up) - low) / width;
-        if at < 0.0 { 0 } else { (at as usize).min(LAYERS - 1) }
-    };
-    let (mut all, mut lying) = ([0.0; LAYERS], [0.0; LAYERS]);
-    for p in core {
-        all[layer(p)] += p.weight;
-        if flat(p, up) {
-            lying[layer(p)] += p.weight;
-        }
+        layers
     }
-    let lying_total: f64 = lying.iter().sum();
-    let window =
-        |of: &[f64; LAYERS], k: usize| of[k.saturating_sub(1)..(k + 2).min(LAYERS)].iter().sum::<f64>();
-    // From below, or from above.
-    let search = |from_below: bool| {
+
+    fn layer(&self, p: &Patch) -> usize {
+        let at = (p.middle.dot(self.up) - self.low) / self.width;
+        if at < 0.0 { 0 } else { (at as usize).min(LAYERS - 1) }
+    }
+
+    /// Score and index of the layer that is most probably the floor, if searched from below, or the lid.
+    fn largest(&self, from_below: bool) -> (f64, usize) {
+        let (all, total) = (&self.all, self.total);
+        let lying_total: f64 = self.lying.iter().sum();
+        let window =
+            |of: &[f64; LAYERS], k: usize| of[k.saturating_sub(1)..(k + 2).min(LAYERS)].iter().sum::<f64>();
         let mut best = (0.0, if from_below { 0 } else { LAYERS - 1 });
         for k in 0..LAYERS {
             let outer: f64 = if from_below {
@@ -144,22 +167,22 @@ pub(super) fn profile(patches: &Patches, up: DVec3) -> Profile {
             } else {
                 all[(k + 2).min(LAYERS)..].iter().sum()
             };
-            let chance = lying_total / total * window(&all, k);
-            let score = (window(&lying, k) - 0.7 * chance) / total * (1.0 - 4.0 * outer / total).max(0.0);
+            let chance = lying_total / total * window(all, k);
+            let score =
+                (window(&self.lying, k) - 0.7 * chance) / total * (1.0 - 4.0 * outer / total).max(0.0);
             if score > best.0 {
                 best = (score, k);
             }
         }
         best
-    };
-    let (ground, floor_layer) = search(true);
-    let (lid, lid_layer) = search(false);
-    let mut found = Profile { up, ground, lid, ..Profile::default() };
-    // Median height of the surface that lies flat in a layer.
-    let middle_of = |k: usize| {
-        let height = |p: &Patch| p.middle.dot(up);
-        let inside = |p: &&Patch| flat(p, up) && layer(p).abs_diff(k) <= 1;
-        let mut lying: Vec<(f64, f64)> = core.iter().filter(inside).map(|p| (height(p), p.weight)).collect();
+    }
+
+    /// Median height of the surface that lies flat in a layer, in world units.
+    fn middle_of(&self, k: usize) -> f64 {
+        let height = |p: &Patch| p.middle.dot(self.up);
+        let inside = |p: &&Patch| flat(p, self.up) && self.layer(p).abs_diff(k) <= 1;
+        let mut lying: Vec<(f64, f64)> =
+            self.core.iter().filter(inside).map(|p| (height(p), p.weight)).collect();
         lying.sort_by(|a, b| a.0.total_cmp(&b.0));
         let half = 0.5 * lying.iter().map(|p| p.1).sum::<f64>();
         let mut sum = 0.0;
@@ -167,10 +190,19 @@ pub(super) fn profile(patches: &Patches, up: DVec3) -> Profile {
             sum += p.1;
             sum >= half
         });
-        middle.map_or(low + (k as f64 + 0.5) * width, |p| p.0)
-    };
-    found.floor = if ground > 0.0 { middle_of(floor_layer) } else { low };
-    found.top = if lid > 0.0 && lid_layer > floor_layer { middle_of(lid_layer) } else { high };
+        middle.map_or(self.low + (k as f64 + 0.5) * self.width, |p| p.0)
+    }
+}
+
+/// Computes the profile of a scene along a direction.
+pub(super) fn profile(patches: &Patches, up: DVec3) -> Profile {
+    let layers = Layers::of(patches, up);
+    let Layers { core, low, high, width, total, .. } = layers;
+    let (ground, floor_layer) = layers.largest(true);
+    let (lid, lid_layer) = layers.largest(false);
+    let mut found = Profile { up, ground, lid, ..Profile::default() };
+    found.floor = if ground > 0.0 { layers.middle_of(floor_layer) } else { low };
+    found.top = if lid > 0.0 && lid_layer > floor_layer { layers.middle_of(lid_layer) } else { high };
     let within = |h: f64| (h - found.floor).abs() < 2.0 * width;
     let (sum, squares) = core
         .iter()
@@ -184,7 +216,33 @@ pub(super) fn profile(patches: &Patches, up: DVec3) -> Profile {
         }
         sum
     });
-    // The plan.
+    measure_plan(&mut found, patches, width, total);
+    let sky: [f64; 2] = patches.far.iter().fold([0.0; 2], |mut sum, p| {
+        let v = (p.middle - patches.centre).normalize().dot(up);
+        if v > 0.25 {
+            sum[1] += p.weight;
+        } else if v < -0.25 {
+            sum[0] += p.weight;
+        }
+        sum
+    });
+    found.sky = balance([sky[1], sky[0]]);
+    found.sky_share = (sky[0] + sky[1]) / total;
+    // The balance counts less if there is little surface on both sides of the floor.
+    found.side = balance(around) * ((around[0] + around[1]) / total / 0.02).min(1.0);
+    found
+}
+
+/// Balance between two weights: 1 if only the first is present, -1 if only the second is, and 0 if neither is.
+fn balance([a, b]: [f64; 2]) -> f64 {
+    if a + b > 0.0 { (a - b) / (a + b) } else { 0.0 }
+}
+
+/// Measures what the plan of the scene shows: the share that the floor and the lid cover, the surfaces between them,
+/// and their light. `found` has the heights of floor and lid, `width` is the thickness of a layer, and `total` the
+/// weight of all surface.
+fn measure_plan(found: &mut Profile, patches: &Patches, width: f64, total: f64) {
+    let (core, up) = (&patches.core, found.up);
     let [x, y] = across(up);
     let cell = |p: &Patch| {
         let v = p.middle - patches.centre;
@@ -239,25 +297,10 @@ pub(super) fn profile(patches: &Patches, up: DVec3) -> Profile {
             }
         }
     }
-    let sky: [f64; 2] = patches.far.iter().fold([0.0; 2], |mut sum, p| {
-        let v = (p.middle - patches.centre).normalize().dot(up);
-        if v > 0.25 {
-            sum[1] += p.weight;
-        } else if v < -0.25 {
-            sum[0] += p.weight;
-        }
-        sum
-    });
-    let balance = |[a, b]: [f64; 2]| if a + b > 0.0 { (a - b) / (a + b) } else { 0.0 };
     found.things = balance(things);
     found.things_share = (things[0] + things[1]) / total;
     found.levels = balance(levels);
     found.levels_share = (levels[0] + levels[1]) / total;
-    found.sky = balance([sky[1], sky[0]]);
-    found.sky_share = (sky[0] + sky[1]) / total;
-    // The balance counts less if there is little surface on both sides of the floor.
-    found.side = balance(around) * ((around[0] + around[1]) / total / 0.02).min(1.0);
     let mean = |[sum, weight]: [f64; 2]| if weight > 0.0 { sum / weight } else { 0.5 };
     found.light = mean(lid_light) - mean(floor_light);
-    found
 }

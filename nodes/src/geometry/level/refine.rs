@@ -5,7 +5,7 @@ use glam::DVec3;
 use super::axes::across;
 use super::patch::{Patch, Patches};
 use super::profile::Profile;
-use crate::geometry::support::Level;
+use crate::geometry::support::GroundPlane;
 
 /// Number of iterations of the fit. Each iteration uses only points that are closer to the plane than in the
 /// previous iteration.
@@ -28,8 +28,11 @@ pub(super) struct Stand {
 pub(super) fn refine(patches: &Patches, profile: &Profile) -> Stand {
     let [x, y] = across(profile.up);
     let mut band = (0.03 * profile.height().max(0.2 * patches.radius)).min(0.05 * patches.radius);
-    let mut plane =
-        Level { height: profile.floor - patches.centre.dot(profile.up), slope: [0.0; 2], roughness: 0.0 };
+    let mut plane = GroundPlane {
+        height: profile.floor - patches.centre.dot(profile.up),
+        slope: [0.0; 2],
+        roughness: 0.0,
+    };
     let local = |p: &Patch| {
         let v = p.middle - patches.centre;
         [v.dot(x), v.dot(y), v.dot(profile.up)]
@@ -43,7 +46,7 @@ pub(super) fn refine(patches: &Patches, profile: &Profile) -> Stand {
             .map(local)
             .filter(|&[px, py, h]| (h - plane.at(px, py)).abs() < band)
             .collect();
-        let Some(next) = Level::of(&near) else { break };
+        let Some(next) = GroundPlane::of(&near) else { break };
         if next.slope.iter().any(|s| s.abs() > STEEP) {
             break;
         }

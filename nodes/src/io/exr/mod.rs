@@ -11,4 +11,4 @@ mod write;
 pub use part::choose_part;
 pub use planes::{Channel, Planes, differ_from_srgb};
 pub use read::{Opened, open, read, read_for, read_layer};
-pub use write::{Depth, write, write_for};
+pub use write::{Attributes, Depth, write, write_for};

@@ -1,5 +1,7 @@
 //! The decoded channels of a file.
 
+use crate::math::color::primaries::REC709;
+
 /// A channel of numbers.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Channel {
@@ -32,17 +34,15 @@ pub struct Planes {
     pub primaries: Option<[[f32; 2]; 4]>,
 }
 
-/// The chromaticities of sRGB (Rec. ITU-R BT.709), which are the default for files without chromaticities: x and y
-/// of red, green, blue and white.
-pub(super) const REC_709: [[f32; 2]; 4] = [[0.64, 0.33], [0.30, 0.60], [0.15, 0.06], [0.3127, 0.3290]];
-
-/// True if chromaticities differ from those of sRGB by more than rounding; false for `None`.
+/// True if chromaticities (x and y of red, green, blue and white) differ from those of sRGB, which are the default for
+/// files without chromaticities, by more than rounding; false for `None`.
 pub fn differ_from_srgb(primaries: Option<&[[f32; 2]; 4]>) -> bool {
+    let srgb = [REC709.red, REC709.green, REC709.blue, REC709.white];
     let off = |own: &[[f32; 2]; 4]| {
         own.as_flattened()
             .iter()
-            .zip(REC_709.as_flattened())
-            .any(|(a, b)| (a - b).abs().total_cmp(&2e-3).is_gt())
+            .zip(srgb.as_flattened())
+            .any(|(a, b)| (f64::from(*a) - b).abs().total_cmp(&2e-3).is_gt())
     };
     primaries.is_some_and(off)
 }

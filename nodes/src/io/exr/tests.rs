@@ -8,9 +8,9 @@ use exr::prelude::{
     f16,
 };
 
-use super::planes::REC_709;
 use super::*;
 use crate::io::progress::Progress;
+use crate::math::color::primaries::REC709;
 use crate::testing::row;
 
 fn planes(depth: Depth) -> Vec<(Channel, Depth)> {
@@ -100,7 +100,8 @@ fn chromaticities_of_other_colours_are_distinguished() {
     use exr::meta::attribute::Chromaticities;
     let read_with = |green: Option<(f32, f32)>| {
         let at = |[x, y]: [f32; 2]| exr::math::Vec2(x, y);
-        let [red, own, blue, white] = REC_709.map(at);
+        let srgb = [REC709.red, REC709.green, REC709.blue, REC709.white];
+        let [red, own, blue, white] = srgb.map(|xy| at(xy.map(|v| v as f32)));
         let list = ["R", "G", "B"].map(|name| AnyChannel::new(name, FlatSamples::F32(vec![0.5; 2])));
         let layer = Layer::new(
             (2, 1),

@@ -6,13 +6,16 @@ use std::io::Cursor;
 use exr::block::writer::ChunksWriter;
 use exr::block::{UncompressedBlock, enumerate_ordered_header_block_indices};
 use exr::image::write::layers::{LayersWriter, WritableLayers};
+use exr::meta::attribute::Chromaticities;
 use exr::prelude::{
-    AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer, LayerAttributes, Text, WritableImage, f16,
+    AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer, LayerAttributes, Text, Vec2, WritableImage,
+    f16,
 };
 
 use super::planes::Channel;
 use crate::error::Error;
 use crate::io::progress::Progress;
+use crate::math::color::primaries::{Primaries, REC709};
 
 /// Number format of a stored channel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -29,7 +32,7 @@ const BATCH: usize = 16;
 /// Largest finite 16-bit float.
 const HALF_MAX: f32 = 65_504.0;
 
-/// Writes one part. `encoding` and `recipe` become the attributes `lightharmony:encoding` and `comments`. Returns
+/// Writes one part whose colours have the primaries of Rec.709. `encoding` and `recipe` become the attributes `lightharmony:encoding` and `comments`. Returns
 /// the bytes and the number of values beyond the range of 16-bit floats.
 pub fn write(
     width: usize,
@@ -38,7 +41,19 @@ pub fn write(
     encoding: &str,
     recipe: Option<&str>,
 ) -> Result<(Vec<u8>, u64), Error> {
-    write_for(width, height, channels, encoding, recipe, Progress::UNTRACKED)
+    let attributes = Attributes { encoding, recipe, primaries: &REC709 };
+    write_for(width, height, channels, attributes, Progress::UNTRACKED)
+}
+
+/// Statements of a file about its colours and its origin.
+#[derive(Debug, Clone, Copy)]
+pub struct Attributes<'a> {
+    /// Encoding of each layer: the attribute `lightharmony:encoding`.
+    pub encoding: &'a str,
+    /// The graph that made the picture: the attribute `comments`.
+    pub recipe: Option<&'a str>,
+    /// Primaries of the colours: the attribute `chromaticities`.
+    pub primaries: &'a Primaries,
 }
 
 /// Like [`write()`], with progress and cancellation. Blocks of rows are compressed on all threads and written in
@@ -47,8 +62,7 @@ pub fn write_for(
     width: usize,
     height: usize,
     channels: Vec<(Channel, Depth)>,
-    encoding: &str,
-    recipe: Option<&str>,
+    Attributes { encoding, recipe, primaries }: Attributes<'_>,
     progress: Progress<'_>,
 ) -> Result<(Vec<u8>, u64), Error> {
     let fail = |e: exr::error::Error| Error::Mismatch(format!("cannot encode the picture as EXR: {e}"));
@@ -78,7 +92,14 @@ pub fn write_for(
             .insert(Text::from("lightharmony:encoding"), exr::prelude::AttributeValue::Text(text));
     }
     let layer = Layer::new((width, height), attributes, Encoding::SMALL_LOSSLESS, AnyChannels::sort(list));
-    let image = Image::from_layer(layer);
+    let mut image = Image::from_layer(layer);
+    let xy = |[x, y]: [f64; 2]| Vec2(x as f32, y as f32);
+    image.attributes.chromaticities = Some(Chromaticities {
+        red: xy(primaries.red),
+        green: xy(primaries.green),
+        blue: xy(primaries.blue),
+        white: xy(primaries.white),
+    });
     let headers = image.write().infer_meta_data();
     let layers = image.layer_data.create_writer(&headers);
     // A block that does not get shorter is stored uncompressed.

@@ -13,7 +13,7 @@ pub(super) fn split<'a>(name: &str, bytes: &'a [u8]) -> Result<(&'a [u8], Option
         Ok(raw.iter().rev().fold(0, |sum, b| sum << 8 | usize::from(*b)))
     };
     if word(4)? != 2 {
-        return Err(Error::unsupported(name, format!("GLB version {}", word(4)?)));
+        return Err(Error::unsupported(name, format!("GLB version {}; save the file as glTF 2.0", word(4)?)));
     }
     let bytes = bytes.get(..word(8)?).ok_or_else(short)?;
     let length = word(12)?;

@@ -5,13 +5,15 @@ pub(crate) mod address;
 mod container;
 mod file;
 pub(crate) mod object;
+pub(crate) mod specular_glossiness;
 
 use std::collections::BTreeSet;
 
 use gltf::Document;
 use serde_json::{Value, json};
 
-use super::foreign::{json_text, refuse_foreign};
+use super::foreign::{json_text, refuse_foreign, refuse_placeholder};
+use super::mesh_format;
 use super::png::Raster;
 use super::{jpeg, png, webp};
 use crate::error::Error;
@@ -73,16 +75,19 @@ pub fn parse(name: &str, bytes: &[u8]) -> Result<File, Error> {
     let (text, blob) = if bytes.starts_with(b"glTF") { split(name, bytes)? } else { (bytes, None) };
     refuse_foreign(name, text)?;
     let text = json_text(text);
-    let mut json: Value = serde_json::from_slice(text).map_err(|e| match other_format(name, text) {
-        Some(format) => Error::unsupported(
-            name,
-            format!("{format}: objects must be glTF or GLB; open the file in a program that reads it, such as Blender, and export glTF 2.0"),
-        ),
-        None => Error::format(name, format!("the file is neither GLB nor glTF; its JSON cannot be parsed ({e})")),
+    let mut json: Value = serde_json::from_slice(text).map_err(|e| {
+        // JSON that is damaged begins like glTF too.
+        match mesh_format::of(name, text).filter(|format| *format != "glTF") {
+            Some(format) => mesh_format::refused(name, format, "glTF, OBJ or STL"),
+            None => Error::format(
+                name,
+                format!("the file is neither GLB nor glTF; its JSON cannot be parsed ({e})"),
+            ),
+        }
     })?;
     let version = json["asset"]["version"].as_str().unwrap_or_default().to_owned();
     if !version.starts_with("2.") {
-        return Err(Error::unsupported(name, format!("glTF version `{version}`")));
+        return Err(Error::unsupported(name, format!("glTF version `{version}`; save the file as glTF 2.0")));
     }
     for extension in json["extensionsRequired"].as_array().into_iter().flatten().filter_map(Value::as_str) {
         if !SUPPORTED.contains(&extension) {
@@ -100,7 +105,7 @@ pub fn parse(name: &str, bytes: &[u8]) -> Result<File, Error> {
         }
     }
     check_accessors(name, &json)?;
-    specular_glossiness(&mut json);
+    specular_glossiness::replace(&mut json);
     if let Some(top) = json.as_object_mut() {
         // Checked above; the crate knows fewer of them.
         top.remove("extensionsRequired");
@@ -144,56 +149,6 @@ pub fn parse(name: &str, bytes: &[u8]) -> Result<File, Error> {
     Ok(File { name: name.to_owned(), document, json, blob })
 }
 
-/// Name of the extension for specular-glossiness, which the crate `gltf` does not read.
-pub(crate) const SPECULAR_GLOSSINESS: &str = "KHR_materials_pbrSpecularGlossiness";
-
-/// Replaces specular-glossiness with metallic-roughness as Blender does: the diffuse colour and its texture become
-/// the base colour, metallic is 0, and roughness is one minus glossiness. The specular colour is left out.
-fn specular_glossiness(json: &mut Value) {
-    for material in json.get_mut("materials").and_then(Value::as_array_mut).into_iter().flatten() {
-        let Some(gloss) = material["extensions"].get(SPECULAR_GLOSSINESS).cloned() else { continue };
-        let glossiness = gloss["glossinessFactor"].as_f64().unwrap_or(1.0).clamp(0.0, 1.0);
-        let mut plain = json!({"metallicFactor": 0.0, "roughnessFactor": 1.0 - glossiness});
-        for (from, to) in [("diffuseFactor", "baseColorFactor"), ("diffuseTexture", "baseColorTexture")] {
-            if let Some(value) = gloss.get(from) {
-                plain[to] = value.clone();
-            }
-        }
-        if let Some(material) = material.as_object_mut() {
-            material.insert("pbrMetallicRoughness".to_owned(), plain);
-        }
-    }
-}
-
-/// The format of a file that is not glTF, by its first bytes or, if these are not known, by its name.
-fn other_format(name: &str, bytes: &[u8]) -> Option<&'static str> {
-    let starts: [(&[u8], &str); 6] = [
-        (b"Kaydara FBX", "FBX"),
-        (b"BLENDER", "a Blender file"),
-        (b"PXR-USDC", "USD"),
-        (b"#usda", "USD"),
-        (b"ply", "PLY"),
-        (b"solid ", "STL"),
-    ];
-    let extensions = [
-        (".obj", "Wavefront OBJ"),
-        (".fbx", "FBX"),
-        (".stl", "STL"),
-        (".dae", "COLLADA"),
-        (".3ds", "3DS"),
-        (".usd", "USD"),
-        (".usda", "USD"),
-        (".usdc", "USD"),
-        (".usdz", "USD"),
-        (".abc", "Alembic"),
-        (".blend", "a Blender file"),
-    ];
-    let name = name.to_ascii_lowercase();
-    let by_bytes = starts.iter().find(|(start, _)| bytes.starts_with(start));
-    let by_name = || extensions.iter().find(|(end, _)| name.ends_with(end));
-    by_bytes.map(|(_, format)| *format).or_else(|| by_name().map(|(_, format)| *format))
-}
-
 /// Checks that the accessors of primitives exist, since the crate `gltf` uses them as indices before it tests that
 /// they exist.
 fn check_accessors(name: &str, json: &Value) -> Result<(), Error> {
@@ -216,6 +171,28 @@ fn check_accessors(name: &str, json: &Value) -> Result<(), Error> {
     Ok(())
 }
 
+/// The error about a texture in a format that is not read.
+fn other_picture(label: &str, bytes: &[u8]) -> Error {
+    if let Err(named) = refuse_foreign(label, bytes) {
+        return named;
+    }
+    let starts: [(&[u8], &str); 6] = [
+        (b"BM", "BMP"),
+        (b"GIF8", "GIF"),
+        (b"DDS ", "DDS"),
+        (b"\x76\x2f\x31\x01", "OpenEXR"),
+        (b"#?", "Radiance HDR"),
+        (b"8BPS", "Photoshop"),
+    ];
+    let found = starts.iter().find(|(start, _)| bytes.starts_with(start)).map(|(_, format)| *format);
+    // TGA has no distinctive start.
+    let is_tga = label.to_ascii_lowercase().ends_with(".tga");
+    match found.or(is_tga.then_some("TGA")) {
+        Some(format) => Error::unsupported(label, format!("a {format} texture; save it as PNG or JPEG")),
+        None => Error::format(label, "the picture is not PNG, JPEG or WebP"),
+    }
+}
+
 impl File {
     fn bad(&self, what: impl Into<String>) -> Error {
         Error::format(&self.name, what)
@@ -223,7 +200,7 @@ impl File {
 
     /// Paths of the other files to which the buffers and, if requested, the pictures refer. The paths are sorted
     /// and without duplicates.
-    pub fn beside(&self, want: Want) -> Result<Vec<String>, Error> {
+    pub fn other_files(&self, want: Want) -> Result<Vec<String>, Error> {
         let lists: &[&str] = if want == Want::Geometry { &["buffers"] } else { &["buffers", "images"] };
         let mut paths = BTreeSet::new();
         for list in lists {
@@ -250,7 +227,11 @@ impl File {
                     .ok_or_else(|| self.bad("a buffer has neither an address nor a binary chunk"))?,
                 gltf::buffer::Source::Uri(uri) => match inline(&self.name, uri) {
                     Some(bytes) => bytes?,
-                    None => read(&path(&self.name, uri)?)?,
+                    None => {
+                        let bytes = read(&path(&self.name, uri)?)?;
+                        refuse_placeholder(uri, &bytes)?;
+                        bytes
+                    }
                 },
             };
             if bytes.len() < buffer.length() {
@@ -313,7 +294,7 @@ impl File {
                 return Err(Error::unsupported(label, "KTX textures; save them as PNG").into());
             }
             [b'R', b'I', b'F', b'F', ..] => webp::read(&label, bytes)?,
-            _ => return Err(Error::format(label, "the picture is not PNG, JPEG or WebP").into()),
+            _ => return Err(other_picture(&label, bytes).into()),
         };
         Ok(raster)
     }
@@ -324,25 +305,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn specular_glossiness_becomes_its_diffuse_colour() {
-        let of = |gloss: &str| {
-            let text = format!(
-                r#"{{"asset":{{"version":"2.0"}},"extensionsRequired":["KHR_materials_pbrSpecularGlossiness"],
-                "images":[{{"uri":"a.png"}}],"textures":[{{"source":0}}],"materials":[{{"pbrMetallicRoughness":{{"baseColorFactor":[1,1,1,1]}},
-                "extensions":{{"KHR_materials_pbrSpecularGlossiness":{gloss}}}}}, {{"name": "other"}}]}}"#
-            );
-            let json = parse("a.gltf", text.as_bytes()).unwrap_or_else(|e| panic!("{e}")).json;
-            assert!(json["materials"][1].get("pbrMetallicRoughness").is_none());
-            json["materials"][0]["pbrMetallicRoughness"].clone()
-        };
-        let red = r#"{"diffuseFactor":[0.8,0.2,0.1,1],"glossinessFactor":0.25,"specularFactor":[1,1,1]}"#;
-        assert_eq!(
-            of(red),
-            json!({"baseColorFactor": [0.8, 0.2, 0.1, 1], "metallicFactor": 0.0, "roughnessFactor": 0.75})
-        );
-        assert_eq!(of("{}"), json!({"metallicFactor": 0.0, "roughnessFactor": 0.0}));
-        let mapped = of(r#"{"diffuseTexture":{"index":0},"glossinessFactor":7}"#);
-        assert_eq!(mapped["baseColorTexture"]["index"], 0);
+    fn textures_in_other_formats_are_named() {
+        for (bytes, says) in [
+            (&b"version https://git-lfs.github.com/spec/v1\n"[..], "git lfs pull"),
+            (b"\0\0\0\x18ftypheic\0\0\0\0", "HEIC"),
+            (b"\0\0\0\x18ftypavif\0\0\0\0", "AVIF"),
+            (b"II*\0\x08\0\0\0", "TIFF"),
+            (b"BM\0\0", "BMP"),
+            (b"\0\0\x02", "not PNG, JPEG or WebP"),
+        ] {
+            let error = other_picture("a.jpg", bytes).to_string();
+            assert!(error.contains(says), "{error}");
+        }
+        assert!(other_picture("maps/A.TGA", b"\0\0\x02").to_string().contains("TGA"));
     }
 
     // JSON that a program padded with NUL, and JSON after a byte-order mark.

@@ -4,7 +4,7 @@ use serde_json::{Value, json};
 
 /// A mesh of triangles with one material; attributes are empty or have one entry per vertex.
 #[derive(Debug, Default)]
-pub(super) struct Part {
+pub(super) struct GlbMesh {
     pub positions: Vec<[f32; 3]>,
     pub normals: Vec<[f32; 3]>,
     pub uv: Vec<[f32; 2]>,
@@ -48,7 +48,7 @@ impl Builder {
     }
 
     /// Adds a mesh, unless it has no triangles.
-    pub fn add(&mut self, part: &Part) {
+    pub fn add(&mut self, part: &GlbMesh) {
         if part.indices.is_empty() || part.positions.is_empty() {
             return;
         }

@@ -1,11 +1,14 @@
-//! Meshes in Wavefront OBJ (with its materials) and STL. They are read by libraries and converted to glTF in
-//! memory, so that shapes, materials and textures have a single loader.
+//! Meshes in Wavefront OBJ (with its materials) and STL. They are converted to glTF in memory, so that shapes,
+//! materials and textures have a single loader.
 
 mod glb;
+mod material;
+mod mtl;
 mod obj;
 mod stl;
 #[cfg(test)]
 mod tests;
+mod text;
 
 use std::borrow::Cow;
 
@@ -32,12 +35,23 @@ impl Foreign {
             _ => None,
         }
     }
+
+    /// Adds a note about the frame in which an object of this format is read.
+    pub fn tell_frame(self, notes: &mut Notes) {
+        let (id, name) = match self {
+            Self::Obj => ("frame-of-obj", "OBJ"),
+            Self::Stl => ("frame-of-stl", "STL"),
+        };
+        let text =
+            "defines neither an up axis nor a unit; y is assumed to be up, and the unit to be the metre";
+        notes.decision(id, format!("{name} {text}"));
+    }
 }
 
 /// The other files that a file refers to, by relative path: materials and their pictures.
-pub fn beside(path: &str, bytes: &[u8], mut read: impl FnMut(&str) -> Option<Vec<u8>>) -> Vec<String> {
+pub fn other_files(path: &str, bytes: &[u8], mut read: impl FnMut(&str) -> Option<Vec<u8>>) -> Vec<String> {
     match Foreign::of(path) {
-        Some(Foreign::Obj) => obj::beside(bytes, &mut read),
+        Some(Foreign::Obj) => obj::other_files(bytes, &mut read),
         _ => Vec::new(),
     }
 }
@@ -54,10 +68,10 @@ pub fn as_gltf<'a>(
     match Foreign::of(name) {
         None => return Ok(Cow::Borrowed(bytes)),
         Some(Foreign::Obj) => {
-            let read = |beside: &str| cx.read_beside(path, beside);
-            obj::read(name, bytes, &read, &mut builder, notes)?;
+            let read = |name: &str| cx.read_sibling(path, name);
+            obj::read(name, bytes, &read, &mut builder, cx, notes)?;
         }
-        Some(Foreign::Stl) => stl::read(name, bytes, &mut builder, cx)?,
+        Some(Foreign::Stl) => stl::read(name, bytes, &mut builder, cx, notes)?,
     }
     cx.check()?;
     Ok(Cow::Owned(builder.finish()))

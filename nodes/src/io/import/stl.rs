@@ -1,54 +1,174 @@
-//! STL files, read by the crate `stl_io`: only triangles, in text or binary.
+//! STL files, in text or binary. No crate is used: the crate `stl_io` reads only the first solid of a text, without a
+//! note, and only in lower case.
 
 use std::collections::HashMap;
-use std::io::Cursor;
 
-use engine::{Context, NodeError};
+use engine::{Context, NodeError, Notes};
 
-use super::glb::{Builder, Part};
+use super::glb::{Builder, GlbMesh};
 use crate::error::Error;
-use crate::io::foreign::refuse_foreign;
+use crate::io::foreign::{BYTE_ORDER_MARK, refuse_foreign};
+use crate::io::mesh_format;
 
 /// Number of bytes before the triangles of a binary file.
 const HEADER: usize = 84;
 /// Number of bytes of each triangle in a binary file.
 const TRIANGLE: usize = 50;
+/// Number of bytes that are searched for a NUL byte, which a text does not contain.
+const START: usize = 1024;
 
-/// Reads the triangles; vertices at the same position are merged.
-pub(super) fn read(name: &str, bytes: &[u8], builder: &mut Builder, cx: &Context) -> Result<(), NodeError> {
+/// Collects triangles; vertices at the same position are merged.
+#[derive(Default)]
+struct Triangles {
+    part: GlbMesh,
+    places: HashMap<[u32; 3], u32>,
+}
+
+impl Triangles {
+    fn add(&mut self, vertex: [f32; 3]) {
+        let next = self.part.positions.len() as u32;
+        let index = *self.places.entry(vertex.map(f32::to_bits)).or_insert(next);
+        if index == next {
+            self.part.positions.push(vertex);
+        }
+        self.part.indices.push(index);
+    }
+}
+
+/// True if a text begins with the word `solid` in upper or lower case, after white space.
+fn begins_as_text(bytes: &[u8]) -> bool {
+    let start = bytes.trim_ascii_start();
+    start.get(..5).is_some_and(|word| word.eq_ignore_ascii_case(b"solid"))
+}
+
+/// Reads the triangles of all solids.
+pub(super) fn read(
+    name: &str,
+    bytes: &[u8],
+    builder: &mut Builder,
+    cx: &Context,
+    notes: &mut Notes,
+) -> Result<(), NodeError> {
     refuse_foreign(name, bytes)?;
-    let wrong = |what: String| Error::format(name, format!("not an STL file: {what}"));
-    let binary = bytes.get(80..84).map(|n| u32::from_le_bytes([n[0], n[1], n[2], n[3]]) as usize);
+    if let Some(format) = mesh_format::by_content(bytes).filter(|format| *format != "STL") {
+        return Err(mesh_format::refused(name, format, "STL").into());
+    }
+    let plain = bytes.strip_prefix(BYTE_ORDER_MARK).unwrap_or(bytes);
+    let count = bytes.get(80..84).map(|n| u32::from_le_bytes([n[0], n[1], n[2], n[3]]) as usize);
+    // Some programs begin binary files with `solid` too: then the length or a NUL byte decides.
+    let exact =
+        count.is_some_and(|count| bytes.len() == count.saturating_mul(TRIANGLE).saturating_add(HEADER));
+    let text = begins_as_text(plain) && !exact && !plain.iter().take(START).any(|b| *b == 0);
+    let mut triangles = Triangles::default();
+    if text {
+        let solids = of_text(name, plain, &mut triangles, cx)?;
+        if solids > 1 {
+            notes.decision("solids", format!("the file has {solids} solids, which are read as one shape"));
+        }
+    } else {
+        of_binary(name, bytes, count, &mut triangles, cx, notes)?;
+    }
+    builder.add(&triangles.part);
+    Ok(())
+}
+
+fn wrong(name: &str, what: impl std::fmt::Display) -> Error {
+    Error::format(name, format!("not an STL file: {what}"))
+}
+
+fn of_binary(
+    name: &str,
+    bytes: &[u8],
+    count: Option<usize>,
+    triangles: &mut Triangles,
+    cx: &Context,
+    notes: &mut Notes,
+) -> Result<(), NodeError> {
     let held = bytes.len().saturating_sub(HEADER) / TRIANGLE;
-    // Some programs begin binary files with `solid` too: then the length decides.
-    let exact = binary.is_some_and(|count| count == held && bytes.len() == HEADER + count * TRIANGLE);
-    let text = bytes.trim_ascii_start().starts_with(b"solid") && !exact;
-    if !text && binary.is_none_or(|count| count > held) {
-        let what = format!("it has {} bytes, fewer than its header claims", bytes.len());
-        return Err(wrong(what).into());
+    let Some(count) = count.filter(|count| *count <= held) else {
+        let what = match count {
+            Some(count) => format!(
+                "it does not begin with `solid`, and as a binary file it has {} bytes, fewer than the {count} triangles of its header need",
+                bytes.len()
+            ),
+            None => format!(
+                "it does not begin with `solid`, and its {} bytes are too few for a binary file",
+                bytes.len()
+            ),
+        };
+        return Err(wrong(name, what).into());
+    };
+    if count < held {
+        let what = format!(
+            "the header of the file counts {count} triangles, and the bytes after them, enough for {}, are ignored",
+            held - count
+        );
+        notes.warning("bytes-left-over", what);
     }
-    let mut plain = bytes.to_vec();
-    if !text && let Some(head) = plain.first_chunk_mut::<5>() {
-        // The library distinguishes the two by this word alone.
-        *head = [0; 5];
-    }
-    let mut cursor = Cursor::new(plain);
-    let triangles = stl_io::create_stl_reader(&mut cursor).map_err(|e| wrong(e.to_string()))?;
-    let (mut part, mut places) = (Part::default(), HashMap::new());
-    for (at, triangle) in triangles.enumerate() {
+    let body = bytes.get(HEADER..).unwrap_or_default();
+    for (at, row) in body.chunks_exact(TRIANGLE).take(count).enumerate() {
         if at % 65_536 == 0 {
             cx.check()?;
         }
-        let triangle = triangle.map_err(|e| wrong(format!("cannot read triangle {at}: {e}")))?;
-        for vertex in triangle.vertices {
-            let vertex: [f32; 3] = vertex.into();
-            let index = *places.entry(vertex.map(f32::to_bits)).or_insert_with(|| {
-                part.positions.push(vertex);
-                part.positions.len() as u32 - 1
-            });
-            part.indices.push(index);
+        // A normal, three corners, and two bytes of attributes.
+        for corner in row[12..48].chunks_exact(12) {
+            let number = |k: usize| {
+                f32::from_le_bytes([corner[4 * k], corner[4 * k + 1], corner[4 * k + 2], corner[4 * k + 3]])
+            };
+            triangles.add([number(0), number(1), number(2)]);
         }
     }
-    builder.add(&part);
     Ok(())
+}
+
+/// Reads the triangles of a text, and returns the number of its solids.
+fn of_text(name: &str, bytes: &[u8], triangles: &mut Triangles, cx: &Context) -> Result<u64, NodeError> {
+    let (mut solids, mut open, mut corners) = (0, false, None);
+    for (at, line) in bytes.split(|b| matches!(b, b'\n' | b'\r')).enumerate() {
+        if at % 65_536 == 0 {
+            cx.check()?;
+        }
+        let line = String::from_utf8_lossy(line);
+        let mut words = line.split_ascii_whitespace();
+        let mut is_first = true;
+        let unknown = || {
+            let text: String = line.trim().chars().take(80).collect();
+            wrong(name, format!("it contains the line `{text}`"))
+        };
+        while let Some(word) = words.next() {
+            let word = word.to_ascii_lowercase();
+            match word.as_str() {
+                // The rest of the line is a name.
+                "solid" if is_first && corners.is_none() => {
+                    (solids, open) = (solids + 1, true);
+                    break;
+                }
+                "endsolid" if is_first && corners.is_none() => {
+                    open = false;
+                    break;
+                }
+                "facet" if corners.is_none() => corners = Some(0),
+                // Computed from the corners.
+                "normal" => drop(words.by_ref().take(3).count()),
+                "outer" | "loop" | "endloop" => {}
+                "vertex" => {
+                    let mut number = || words.next().and_then(|word| word.parse::<f32>().ok());
+                    let (Some(x), Some(y), Some(z), Some(held)) =
+                        (number(), number(), number(), &mut corners)
+                    else {
+                        return Err(unknown().into());
+                    };
+                    *held += 1;
+                    triangles.add([x, y, z]);
+                }
+                "endfacet" if corners == Some(3) => corners = None,
+                _ => return Err(unknown().into()),
+            }
+            is_first = false;
+        }
+    }
+    if open || corners.is_some() {
+        return Err(wrong(name, "the text ends before `endsolid`").into());
+    }
+    Ok(solids)
 }

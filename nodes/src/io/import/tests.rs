@@ -44,7 +44,7 @@ fn obj_files_have_shapes_materials_and_textures() {
         largest: 255,
         codes: vec![255, 0, 0, 0, 0, 255],
         ignored: Vec::new(),
-        linear: false,
+        colour: None,
     };
     let png = crate::io::png::write(&raster, false, &[]).unwrap_or_else(|e| panic!("{e}"));
     let (found, _, sources) =
@@ -99,6 +99,171 @@ fn receivers_are_read_from_obj_and_stl() {
         assert_eq!(mesh("a.stl", &bytes).unwrap_or_else(|e| panic!("{e}")), words);
         assert!(mesh("a.stl", &bytes[..bytes.len() - 1]).is_err());
     }
+}
+
+/// The base colour of the first part of an object of one triangle whose material file is `mtl`, and the notes that
+/// are warnings or worse.
+fn coloured(obj: &[u8], mtl: Option<(&str, &[u8])>) -> ([f32; 4], Vec<String>) {
+    let mut files = vec![("a.obj", obj)];
+    files.extend(mtl);
+    let (found, notes, _) = object(&files).unwrap_or_else(|e| panic!("{e}"));
+    let ids = notes.iter().filter(|note| note.level >= Level::Warning).map(|note| note.id.clone()).collect();
+    (found.materials[found.primitives[0].material as usize].base_colour, ids)
+}
+
+const FACE: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl red\nf 1 2 3\n";
+const RED: [f32; 4] = [0.8, 0.2, 0.1, 1.0];
+
+// Byte-order marks, Latin-1, absolute paths, continued lines and unusual numbers lose no material. In an earlier
+// version they gave white, or a panic.
+#[test]
+fn materials_survive_unusual_files() {
+    let with = |head: &str| format!("{head}\n{FACE}").into_bytes();
+    let red = b"newmtl red\nKd 0.8 0.2 0.1\n";
+    let latin = b"# gr\xfcn\nnewmtl red\nKd 0.8 0.2 0.1\n";
+    let marked = b"\xef\xbb\xbfnewmtl red\r\nkd 0.8 0.2 0.1\r\n";
+    for (obj, mtl) in [
+        (with("\u{feff}mtllib a.mtl"), &red[..]),
+        (with("mtllib C:\\x\\a.mtl"), red),
+        (with("mtllib /home/x/a.mtl"), red),
+        (with("mtllib \\\na.mtl"), red),
+        (with("mtllib b.mtl a.mtl"), red),
+        (with("mtllib a.mtl"), latin),
+        (with("mtllib a.mtl"), marked),
+        ([&b"# gr\xfcn\n"[..], &with("mtllib a.mtl")].concat(), red),
+        (with("mtllib a.mtl").iter().map(|b| if *b == b'\n' { b'\r' } else { *b }).collect(), red),
+    ] {
+        let (colour, ids) = coloured(&obj, Some(("a.mtl", mtl)));
+        let partly = obj.windows(5).any(|at| at == b"b.mtl");
+        assert_eq!((colour, ids.len()), (RED, usize::from(partly)), "{}", String::from_utf8_lossy(&obj));
+    }
+    for (mtl, colour) in [
+        ("Kd 0.8", [0.8, 0.8, 0.8, 1.0]),
+        ("Ka 0.8\nKs 0.1\nKd 0.8 0.2 0.1", RED),
+        ("Kd 0.8 0.2 0.1\nd -halo 0.5", [0.8, 0.2, 0.1, 0.5]),
+        ("Kd 204 51 25.5", RED),
+    ] {
+        let mtl = format!("newmtl red\n{mtl}\n");
+        let (found, ids) = coloured(&with("mtllib a.mtl"), Some(("a.mtl", mtl.as_bytes())));
+        assert!(found.iter().zip(colour).all(|(a, b)| (a - b).abs() < 1e-6), "{mtl} {found:?}");
+        assert_eq!(ids, [""; 0], "{mtl}");
+    }
+}
+
+// What cannot be used is reported: a result that is white for another reason looks like one that is right.
+#[test]
+fn lost_materials_are_reported() {
+    let with = |head: &str| format!("{head}\n{FACE}").into_bytes();
+    let lfs = "version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 3\n";
+    for (head, mtl, id) in [
+        ("mtllib a.mtl", lfs, "materials-missing"),
+        ("mtllib a.mtl", "nothing\n", "materials-missing"),
+        ("mtllib a.mtl", "newmtl blue\nKd 0 0 1\n", "materials-missing"),
+        ("", "", "materials-missing"),
+        ("mtllib C:\\x\\none.mtl", "", "materials-missing"),
+        ("mtllib a.mtl", "newmtl red\nKd 0,8 0,2 0,1\n", "material-lines-ignored"),
+        ("mtllib a.mtl", "newmtl red\nKd 0.8 0.2\n", "material-lines-ignored"),
+        ("mtllib a.mtl", "newmtl red\nNs x\n", "material-lines-ignored"),
+        ("mtllib a.mtl", "newmtl red\nmap_d d.png\n", "material-ignored"),
+        ("mtllib a.mtl", "newmtl red\nmap_kd C:\\x\\t.png\n", "texture-missing"),
+        ("mtllib a.mtl", "newmtl red\nd 0\n", "material-invisible"),
+    ] {
+        let (_, ids) = coloured(&with(head), Some(("a.mtl", mtl.as_bytes())));
+        assert_eq!(ids, [id], "{head} {mtl}");
+    }
+    let named = object(&[("a.obj", &with("mtllib a.mtl")), ("a.mtl", lfs.as_bytes())]);
+    let (_, notes, _) = named.unwrap_or_else(|e| panic!("{e}"));
+    assert!(notes.iter().any(|note| note.text.contains("git lfs pull")));
+}
+
+#[test]
+fn a_bad_line_of_obj_is_named() {
+    for (text, says) in [
+        ("v 0 0 0\nv 0,5 0 0\n", "line 2 cannot be read as Wavefront OBJ: `v 0,5 0 0`"),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 0\n", "line 4"),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n", "the face in line 4 refers to vertex 4, but the file has 3"),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1/1 2/1 3/1\n", "texture coordinate 1, but the file has 0"),
+        ("hello\n", "it has no vertices"),
+        ("ply\nformat ascii 1.0\n", "PLY"),
+        ("v 0 0 0\nv 1 0 0\nl 1 2\n", "triangle"),
+    ] {
+        let error = object(&[("a.obj", text.as_bytes())]).err().map(|e| e.to_string()).unwrap_or_default();
+        assert!(error.contains(says), "{text}: {error}");
+    }
+}
+
+/// Texture options move and scale the texture; v runs upwards in OBJ.
+#[test]
+fn texture_options_of_obj_move_the_texture() {
+    let raster = crate::io::png::Raster {
+        width: 1,
+        height: 1,
+        channels: 1,
+        largest: 255,
+        codes: vec![9],
+        ignored: Vec::new(),
+        colour: None,
+    };
+    let png = crate::io::png::write(&raster, false, &[]).unwrap_or_else(|e| panic!("{e}"));
+    let mtl = b"newmtl red\nmap_Kd -s 2 4 1 -o 0.5 0.25 0 t.png\n";
+    let obj = format!("mtllib a.mtl\nvt 0 0\n{}", FACE.replace("f 1 2 3", "f 1/1 2/1 3/1"));
+    let files = [("a.obj", obj.as_bytes()), ("a.mtl", &mtl[..]), ("t.png", &png[..])];
+    let (found, ..) = object(&files).unwrap_or_else(|e| panic!("{e}"));
+    let texture = found.materials[0].base_colour_texture.unwrap_or_else(|| panic!("a texture"));
+    let moved = texture.transform.unwrap_or_else(|| panic!("a transform"));
+    assert_eq!((moved.offset, moved.scale), ([0.5, 1.0 - 4.0 - 0.25], [2.0, 4.0]));
+}
+
+// Vertex colours as floats to 255, in receivers and objects.
+#[test]
+fn vertex_colours_of_obj_to_255_are_scaled() {
+    let text = "v 0 0 0 255 51 0\nv 1 0 0 255 51 0\nv 0 1 0 255 51 0\nf 1 2 3\n";
+    let one = text.replace("255 51 0", "1 0.2 0");
+    let (wanted, found) = (mesh("a.obj", one.as_bytes()), mesh("a.obj", text.as_bytes()));
+    let (wanted, found) = (wanted.unwrap_or_else(|e| panic!("{e}")), found.unwrap_or_else(|e| panic!("{e}")));
+    for (a, b) in wanted.colours.as_flattened().iter().zip(found.colours.as_flattened()) {
+        assert!((a - b).abs() < 1e-6, "{found:?}");
+    }
+    let (object, notes, _) = object(&[("a.obj", text.as_bytes())]).unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!(object.primitives[0].colours[0], [1.0, (51.0_f64 / f64::from(255.0_f32)) as f32, 0.0, 1.0]);
+    assert!(notes.iter().any(|note| note.id == "colour-range"));
+    assert!(notes.iter().all(|note| note.id != "colours-clamped"));
+}
+
+// Several solids, other cases of letters, byte-order marks and blanks. In an earlier version only the first solid
+// was read.
+#[test]
+fn texts_of_stl_are_read_in_all_forms() {
+    let solid = |z: &str| {
+        format!(
+            "solid part {z}\n facet normal 0 0 1\n  outer loop\n   vertex 0 0 {z}\n   vertex 1 0 {z}\n   vertex 0 1 {z}\n  endloop\n \
+             endfacet\nendsolid part {z}\n"
+        )
+    };
+    let two = format!("{}{}", solid("0"), solid("1"));
+    let wanted = mesh("a.stl", two.as_bytes()).unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!((wanted.triangles.len(), wanted.positions[3]), (2, [0.0, 0.0, 1.0]));
+    for text in [
+        two.to_uppercase(),
+        format!("\u{feff}{two}"),
+        format!("\n  {two}"),
+        two.replace('\n', "\r\n"),
+        two.replace('\n', "\r"),
+        two.replace("normal 0 0 1", "normal nan nan -nan(ind)"),
+    ] {
+        assert_eq!(mesh("a.stl", text.as_bytes()).unwrap_or_else(|e| panic!("{e}")), wanted, "{text}");
+    }
+    for (text, says) in [
+        (two.replace("vertex 0 1 1", "vertex 0,5 1 1"), "`vertex 0,5 1 1`"),
+        (two.replace("   vertex 0 1 1\n", ""), "`endfacet`"),
+        (two.trim_end().trim_end_matches("endsolid part 1").to_owned(), "ends before `endsolid`"),
+    ] {
+        let error = mesh("a.stl", text.as_bytes()).err().map(|e| e.to_string()).unwrap_or_default();
+        assert!(error.contains(says), "{error}");
+    }
+    let (_, notes, _) = object(&[("a.stl", two.as_bytes())]).unwrap_or_else(|e| panic!("{e}"));
+    let ids: Vec<&str> = notes.iter().map(|note| note.id.as_str()).collect();
+    assert!(ids.contains(&"solids") && ids.contains(&"frame-of-stl"), "{ids:?}");
 }
 
 /// A file that is cut off anywhere, or in which any byte is changed, gives an error or a shape, never a panic.

@@ -14,7 +14,7 @@ use super::accessor::{Accessor, Reader};
 use super::bytes::{range, u32_at};
 use super::frame::Turn;
 use super::loaded::Loaded;
-use super::parts::Part;
+use super::parts::RowChunk;
 use super::reading::{Fetch, Reading};
 use super::rows::{Row, sh_rest};
 use super::spz;
@@ -46,7 +46,7 @@ pub(super) struct Document {
     #[serde(default)]
     accessors: Vec<Accessor>,
     #[serde(default)]
-    buffer_views: Vec<View>,
+    buffer_views: Vec<BufferView>,
     #[serde(default)]
     buffers: Vec<Buffer>,
     #[serde(default)]
@@ -118,7 +118,7 @@ struct Splatting {
 
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
-struct View {
+struct BufferView {
     buffer: usize,
     #[serde(default)]
     byte_offset: usize,
@@ -396,7 +396,7 @@ fn primitive(
         notes.warning("logarithmic-scales", text);
     }
     let length = |scale: f64| if logarithms { num::f64::exp(scale) } else { scale };
-    let parts: Vec<Part> = reading.rows_from(first, count, turn, |index, sh| {
+    let parts: Vec<RowChunk> = reading.rows_from(first, count, turn, |index, sh| {
         let three = |reader: &Reader<'_>| [0, 1, 2].map(|i| reader.get(index, i));
         let [x, y, z, w] = [0, 1, 2, 3].map(|i| rotations.get(index, i));
         sh.extend(harmonics.iter().map(|reader| three(reader).map(|v| v as f32)));

@@ -7,7 +7,7 @@ use engine::{NodeError, Notes};
 
 use super::bytes::{f16_at, f32_at, range, u8_at, u16_at, u32_at};
 use super::loaded::Loaded;
-use super::parts::Part;
+use super::parts::RowChunk;
 use super::reading::Reading;
 use super::rows::{Row, RowFault, SH_C0, sh_rest};
 use crate::error::Error;
@@ -19,7 +19,7 @@ const SECTION_HEADER: usize = 1024;
 const HALF_RANGE: f64 = 1.5;
 
 /// Layout of a row at a level of compression.
-struct Level {
+struct RowLayout {
     real: usize,
     harmonic: usize,
     scale: usize,
@@ -30,10 +30,10 @@ struct Level {
     steps: u32,
 }
 
-const LEVELS: [Level; 3] = [
-    Level { real: 4, harmonic: 4, scale: 12, rotation: 24, colour: 40, harmonics: 44, steps: 1 },
-    Level { real: 2, harmonic: 2, scale: 6, rotation: 12, colour: 20, harmonics: 24, steps: 32_767 },
-    Level { real: 2, harmonic: 1, scale: 6, rotation: 12, colour: 20, harmonics: 24, steps: 32_767 },
+const LEVELS: [RowLayout; 3] = [
+    RowLayout { real: 4, harmonic: 4, scale: 12, rotation: 24, colour: 40, harmonics: 44, steps: 1 },
+    RowLayout { real: 2, harmonic: 2, scale: 6, rotation: 12, colour: 20, harmonics: 24, steps: 32_767 },
+    RowLayout { real: 2, harmonic: 1, scale: 6, rotation: 12, colour: 20, harmonics: 24, steps: 32_767 },
 ];
 
 /// True if the bytes begin like a `.ksplat` file, even a truncated one: the version is at least 0.1, the level is
@@ -69,7 +69,13 @@ struct Section<'a> {
 
 impl<'a> Section<'a> {
     /// Reads the section whose header is `head`. Its data start at `at`, which is advanced to the end of the data.
-    fn read(file: &str, bytes: &'a [u8], head: &[u8], level: &Level, at: &mut usize) -> Result<Self, Error> {
+    fn read(
+        file: &str,
+        bytes: &'a [u8],
+        head: &[u8],
+        level: &RowLayout,
+        at: &mut usize,
+    ) -> Result<Self, Error> {
         let (count, room) = (u32_at(head, 0) as usize, u32_at(head, 4) as usize);
         let (bucket_size, buckets) = (u32_at(head, 8) as usize, u32_at(head, 12) as usize);
         let (block, storage) = (f64::from(f32_at(head, 16)), u16_at(head, 20) as usize);
@@ -177,7 +183,7 @@ pub(super) fn load(
     }
     let degree = sections.iter().map(|section| section.degree).max().unwrap_or(0);
     let turn = reading.turn(file, None, false, notes);
-    let mut parts: Vec<Part> = Vec::new();
+    let mut parts: Vec<RowChunk> = Vec::new();
     let mut first = 0;
     for section in &sections {
         let (own, widest) = (sh_rest(section.degree), sh_rest(degree));

@@ -2,14 +2,14 @@
 
 use engine::{NodeError, Notes};
 
-use super::parts::Part;
+use super::parts::RowChunk;
 use super::rows::sh_rest;
 use crate::error::Error;
 use crate::types::SplatEncoding;
 
 /// The content of one file: its rows and their properties.
 pub(crate) struct Loaded {
-    pub(super) parts: Vec<Part>,
+    pub(super) parts: Vec<RowChunk>,
     /// Number of rows of the file, including dropped rows.
     pub(super) count: usize,
     /// Degree of the harmonics in memory.
@@ -21,7 +21,7 @@ pub(crate) struct Loaded {
 }
 
 impl Loaded {
-    pub(super) fn new(parts: Vec<Part>, count: usize, stored_degree: u32) -> Self {
+    pub(super) fn new(parts: Vec<RowChunk>, count: usize, stored_degree: u32) -> Self {
         let sh_degree = if parts.iter().any(|part| part.plain) { 0 } else { stored_degree };
         let (antialiased, encoding) = (false, SplatEncoding::Srgb);
         Self { parts, count, sh_degree, stored_degree, antialiased, encoding }

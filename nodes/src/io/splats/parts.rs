@@ -10,7 +10,7 @@ const CHUNK: usize = 16_384;
 
 /// A part of a scene: the rows of one job.
 #[derive(Default)]
-pub struct Part {
+pub struct RowChunk {
     /// The rows that were not dropped.
     pub rows: Vec<Row>,
     /// Colours of the rows. Each row has as many RGB triples as the degree of the file requires.
@@ -40,10 +40,10 @@ pub fn read_rows(
     turn: Option<&Turn>,
     (plain, cx): (bool, &Context),
     read: impl Fn(usize, &mut Vec<[f32; 3]>) -> Result<Row, RowFault> + Send + Sync,
-) -> Result<Vec<Part>, NodeError> {
+) -> Result<Vec<RowChunk>, NodeError> {
     cx.for_each_tile(count.div_ceil(CHUNK), |chunk| {
         let rows = chunk * CHUNK..((chunk + 1) * CHUNK).min(count);
-        let mut part = Part { rows: Vec::with_capacity(rows.len()), plain, ..Part::default() };
+        let mut part = RowChunk { rows: Vec::with_capacity(rows.len()), plain, ..RowChunk::default() };
         let count = rows.len();
         for index in rows {
             let start = part.sh.len();

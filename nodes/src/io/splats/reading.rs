@@ -4,7 +4,7 @@ use engine::{Context, NodeError, Notes, Up};
 use glam::{DMat3, DVec3};
 
 use super::frame::{Placing, Turn};
-use super::parts::{self, Part};
+use super::parts::{self, RowChunk};
 use super::rows::{Row, RowFault};
 use crate::types::frame::Similarity;
 
@@ -31,7 +31,7 @@ impl Reading<'_> {
         count: usize,
         turn: Option<&Turn>,
         read: impl Fn(usize, &mut Vec<[f32; 3]>) -> Result<Row, RowFault> + Send + Sync,
-    ) -> Result<Vec<Part>, NodeError> {
+    ) -> Result<Vec<RowChunk>, NodeError> {
         parts::read_rows(0, count, turn, (self.plain, self.cx), read)
     }
 
@@ -42,7 +42,7 @@ impl Reading<'_> {
         count: usize,
         turn: Option<&Turn>,
         read: impl Fn(usize, &mut Vec<[f32; 3]>) -> Result<Row, RowFault> + Send + Sync,
-    ) -> Result<Vec<Part>, NodeError> {
+    ) -> Result<Vec<RowChunk>, NodeError> {
         parts::read_rows(first, count, turn, (self.plain, self.cx), read)
     }
 

@@ -13,7 +13,7 @@ use super::reading::{Fetch, Reading};
 use super::rows::{Row, RowFault, largest_left_out, sh_rest};
 use super::zip::Archive;
 use crate::error::Error;
-use crate::io::foreign::json_text;
+use crate::io::foreign::{json_text, portable_path, refuse_foreign};
 use crate::math::num;
 
 #[derive(Deserialize)]
@@ -136,7 +136,7 @@ impl Meta {
         let wrong = |e: serde_json::Error| Error::format(file, format!("not a SOG `meta.json`: {e}"));
         let bytes = json_text(bytes);
         let version: Version = serde_json::from_slice(bytes).map_err(wrong)?;
-        let meta = match version.version {
+        let mut meta = match version.version {
             None | Some(1) => {
                 #[derive(Deserialize)]
                 struct Shapes {
@@ -150,6 +150,8 @@ impl Meta {
             Some(2) => Self::version_2(file, serde_json::from_slice(bytes).map_err(wrong)?)?,
             Some(other) => return Err(Error::unsupported(file, format!("SOG version {other}"))),
         };
+        // Exporters on Windows write backslashes.
+        meta.files.iter_mut().for_each(|name| *name = portable_path(name));
         let bounds = meta.mins.iter().chain(&meta.maxs);
         if !bounds.clone().all(|v| v.is_finite()) {
             return Err(Error::format(file, "the bounds of the centres are not finite"));
@@ -241,6 +243,7 @@ const DENSEST: u64 = 4096;
 
 impl Pixels {
     fn read(name: &str, bytes: &[u8], at_least: u64) -> Result<Self, Error> {
+        refuse_foreign(name, bytes)?;
         let wrong = |what: String| Error::format(name, what);
         let mut decoder = image_webp::WebPDecoder::new(std::io::Cursor::new(bytes))
             .map_err(|e| wrong(format!("not a WebP picture: {e}")))?;

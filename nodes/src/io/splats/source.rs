@@ -10,7 +10,7 @@ use super::sog::Meta;
 use super::streamed::{self, Ranges};
 use super::{ksplat, splat, spz, usda};
 use crate::error::Error;
-use crate::io::foreign::{BYTE_ORDER_MARK, json_text, refuse_foreign};
+use crate::io::foreign::{BYTE_ORDER_MARK, JPEG_XL, is_text, json_text, refuse_foreign};
 
 /// Extensions of files that may contain splats.
 const ENDINGS: [&str; 8] = [".ply", ".spz", ".sog", ".json", ".glb", ".gltf", ".ksplat", ".splat"];
@@ -59,10 +59,14 @@ impl Format {
 
     /// Detects the format by content.
     pub fn of(file: &str, bytes: &[u8]) -> Result<Self, Error> {
+        // A centre of `.splat` may begin with the two bytes that mark JPEG XL.
+        if bytes.starts_with(JPEG_XL) && splat::is_splat(bytes) {
+            return Ok(Self::Splat);
+        }
         refuse_foreign(file, bytes)?;
         let unmarked = bytes.strip_prefix(BYTE_ORDER_MARK).unwrap_or(bytes);
         let starts = |magic: &[u8]| unmarked.starts_with(magic);
-        if starts(b"ply\n") || starts(b"ply\r\n") || starts(b"ply ") {
+        if starts(b"ply\n") || starts(b"ply\r") || starts(b"ply ") {
             return Ok(Self::Ply);
         }
         if starts(&spz::GZIP) || starts(spz::MAGIC) {
@@ -111,8 +115,14 @@ impl Format {
                 "the {} bytes of the file begin neither like a `{ending}` file nor like a file of another splat format; is the file complete?",
                 bytes.len()
             ),
-            None => "not a known format of splats (PLY, compressed PLY, SOG, SPZ, .splat, .ksplat, glTF)"
-                .to_owned(),
+            None if is_text(bytes) => {
+                "a text, but not of a known format of splats (PLY, `.usda`, glTF, `meta.json` of SOG)"
+                    .to_owned()
+            }
+            None => {
+                "not a known format of splats (PLY, compressed PLY, SOG, SPZ, .splat, .ksplat, glTF, .usda)"
+                    .to_owned()
+            }
         };
         Err(Error::format(file, what))
     }
@@ -246,7 +256,7 @@ pub fn with_companions(file: &InputFile, root: &SourceRoot) -> Result<Vec<Source
             Format::Gltf => Document::read(&file.0, &bytes)?.files(&file.0)?,
             _ => Vec::new(),
         };
-        sources.extend(names.iter().map(|name| root.beside(&source, name)));
+        sources.extend(names.iter().map(|name| root.sibling(&source, name)));
     }
     Ok(sources)
 }

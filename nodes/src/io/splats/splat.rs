@@ -9,15 +9,16 @@ use super::loaded::Loaded;
 use super::reading::Reading;
 use super::rows::{Row, SH_C0};
 use crate::error::Error;
+use crate::io::foreign::is_text;
 
 /// Number of bytes per splat.
 const ROW: usize = 32;
 
 /// True if the bytes can be a `.splat` file, even a truncated one: there is at least one row, and at least half of
 /// the first rows have finite numbers and sizes that are not negative. A first coordinate below 1e-38 indicates the
-/// header of another format.
+/// header of another format. The bytes of text are numbers of any size, so text is never a `.splat` file.
 pub(super) fn is_splat(bytes: &[u8]) -> bool {
-    if f32_at(bytes, 0).is_subnormal() {
+    if f32_at(bytes, 0).is_subnormal() || is_text(bytes) {
         return false;
     }
     let rows = bytes.as_chunks::<ROW>().0;

@@ -8,7 +8,7 @@ use std::path::{Component, Path};
 use serde::Deserialize;
 
 use crate::error::Error;
-use crate::io::foreign::json_text;
+use crate::io::foreign::{json_text, portable_path, refuse_placeholder};
 
 /// Name of the file that describes a streamed scene.
 pub(super) const NAME: &str = "lod-meta.json";
@@ -40,7 +40,7 @@ struct Span {
 
 /// The files of one level, with the rows that belong to it.
 #[derive(Debug, PartialEq, Eq)]
-pub(crate) struct Level {
+pub(crate) struct DetailLevel {
     /// Relative path of each file and its rows; `None` for all rows.
     pub files: Vec<(String, Option<Ranges>)>,
     /// Number of levels of the scene.
@@ -60,8 +60,9 @@ pub(super) fn is_streamed(bytes: &[u8]) -> bool {
 
 /// Reads `lod-meta.json`. For a region without the wanted level, the nearest coarser level is used, otherwise the
 /// nearest finer level.
-pub(super) fn level(file: &str, bytes: &[u8], wanted: u32) -> Result<Level, Error> {
+pub(super) fn level(file: &str, bytes: &[u8], wanted: u32) -> Result<DetailLevel, Error> {
     let wrong = |what: String| Error::format(file, what);
+    refuse_placeholder(file, bytes)?;
     let lod: Lod = serde_json::from_slice(json_text(bytes))
         .map_err(|e| wrong(format!("not the `{NAME}` of a streamed SOG: {e}")))?;
     let mut rows: BTreeMap<usize, Vec<(u64, u64)>> = BTreeMap::new();
@@ -88,22 +89,25 @@ pub(super) fn level(file: &str, bytes: &[u8], wanted: u32) -> Result<Level, Erro
         rows.entry(span.file).or_default().push((span.offset, end));
     }
     let finest = levels.len();
-    if levels.is_empty() || !levels.contains(&wanted) {
+    if levels.is_empty() {
+        return Err(wrong("no region of the scene has a level".to_owned()));
+    }
+    if !levels.contains(&wanted) {
         let known: Vec<String> = levels.iter().map(u32::to_string).collect();
         return Err(wrong(format!("the scene has no level {wanted}; its levels are {}", known.join(", "))));
     }
     let mut files = Vec::new();
     for (index, spans) in rows {
-        files.push((lod.filenames[index].clone(), Some(joined(file, spans)?)));
+        files.push((portable_path(&lod.filenames[index]), Some(joined(file, spans)?)));
     }
-    files.extend(lod.environment.map(|name| (name, None)));
+    files.extend(lod.environment.map(|name| (portable_path(&name), None)));
     // An untrusted scene must not refer to files elsewhere on this machine.
     for (name, _) in &files {
         if name.is_empty() || !Path::new(name).components().all(|part| matches!(part, Component::Normal(_))) {
             return Err(wrong(format!("the scene refers to `{name}`, which is not in the same folder")));
         }
     }
-    Ok(Level { files, levels: finest })
+    Ok(DetailLevel { files, levels: finest })
 }
 
 /// Sorts ranges and joins adjacent ranges. It is an error if ranges overlap, since regions do not share splats.
@@ -151,7 +155,10 @@ mod tests {
             of(SCENE, 2),
             Ok(vec![file("1_0/meta.json", &[(0, 5)]), file("2_0/meta.json", &[(3, 5)])])
         );
-        let sky = SCENE.replace("\"tree\"", "\"environment\": \"env/meta.json\", \"tree\"");
+        // Exporters on Windows write backslashes.
+        let windows = SCENE.replace("0_0/meta.json", "0_0\\\\meta.json");
+        assert_eq!(of(&windows, 0), Ok(vec![file("0_0/meta.json", &[(0, 17)])]));
+        let sky = SCENE.replace("\"tree\"", "\"environment\": \"env\\\\meta.json\", \"tree\"");
         assert_eq!(of(&sky, 0).map(|files| files[1].clone()), Ok(("env/meta.json".to_owned(), None)));
     }
 
@@ -160,6 +167,7 @@ mod tests {
         for (from, to, says) in [
             ("\"0_0/meta.json\"", "\"../0_0/meta.json\"", "not in the same folder"),
             ("\"0_0/meta.json\"", "\"/etc/passwd\"", "not in the same folder"),
+            ("\"0_0/meta.json\"", "\"..\\\\0_0\\\\meta.json\"", "not in the same folder"),
             (
                 "\"file\": 0, \"offset\": 0",
                 "\"file\": 9, \"offset\": 0",
@@ -175,6 +183,10 @@ mod tests {
             let error = of(&text, 0).expect_err(to);
             assert!(error.contains(says), "{error}");
         }
+        let empty = r#"{"filenames": ["0_0/meta.json"], "tree": {"bound": {}}}"#;
+        assert!(of(empty, 0).is_err_and(|e| e.contains("no region of the scene has a level")));
+        let pointer = "version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 3\n";
+        assert!(of(pointer, 0).is_err_and(|e| e.contains("git lfs pull")));
         assert!(of(SCENE, 3).is_err_and(|e| e.contains("its levels are 0, 1, 2")));
         assert!(is_streamed(SCENE.as_bytes()) && !is_streamed(b"{\"means\": 1}"));
         // A tree that is too deep causes an error in the parser, not a stack overflow.

@@ -8,6 +8,7 @@ use std::sync::Arc;
 
 use engine::{Context, Kind, NodeError, Notes, SourceFile, SourceRoot, ViewCount, Wired};
 
+use crate::io::foreign::refuse_placeholder;
 use crate::math::metrics::Lpips;
 use crate::types::layers::matching;
 use crate::types::{Images, NamedImage, Picture, Report};
@@ -68,7 +69,9 @@ impl Kind for Compare {
         check_names(p, inputs.regions.len())?;
         let lpips = match &p.lpips {
             Some(path) => {
-                Some(Lpips::parse(&path.0, &cx.read(path)?).map_err(|e| NodeError::from(e).at("lpips"))?)
+                let bytes = cx.read(path)?;
+                let parsed = refuse_placeholder(&path.0, &bytes).and_then(|()| Lpips::parse(&path.0, &bytes));
+                Some(parsed.map_err(|e| NodeError::from(e).at("lpips"))?)
             }
             None => None,
         };

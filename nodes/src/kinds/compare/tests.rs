@@ -270,6 +270,15 @@ fn what_a_viewer_sees_has_a_map_and_what_is_missing_is_reported() {
     let columns = &hdr.report.tables[0].columns;
     assert_eq!(columns[at..at + 2], ["hdr-flip mean", "hdr-flip p95"], "another measure has another name");
     assert_eq!(columns[..at], table.columns[..at]);
+    // Weights that were not fetched.
+    let folder = tempfile::tempdir().unwrap_or_else(|e| panic!("{e}"));
+    let pointer = "version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 3\n";
+    std::fs::write(folder.path().join("w"), pointer).unwrap_or_else(|e| panic!("{e}"));
+    let scene = engine::Scene { up: engine::Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false };
+    let cx = Context::detached(scene, folder.path());
+    let unfetched = Compare { lpips: Some(InputFile("w".into())), ..node() };
+    let error = Compare::run(&unfetched, inputs(flat(0.2), flat(0.6)), &cx).err().map(|e| e.to_string());
+    assert!(error.is_some_and(|e| e.contains("git lfs pull")));
     let broken = Compare { lpips: Some(InputFile("none".into())), ..node() };
     assert!(Compare::run(&broken, inputs(flat(0.2), flat(0.6)), &context()).is_err());
 }

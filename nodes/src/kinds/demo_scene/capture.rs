@@ -9,7 +9,7 @@ use super::light::{Effort, Lit, Rgb, add, times};
 use super::place::Layout;
 use super::random::unit;
 use super::shape::Quad;
-use super::view::{View, WorldFrame};
+use super::view::{DemoCamera, WorldFrame};
 use crate::math::color::srgb_from_linear;
 use crate::math::num;
 use crate::types::{SplatEncoding, Splats};
@@ -56,7 +56,7 @@ struct Splat {
 pub(super) fn splats(
     lit: &Lit<'_>,
     layout: &Layout,
-    view: &View,
+    view: &DemoCamera,
     world: &WorldFrame,
     count: usize,
     cx: &Context,
@@ -103,7 +103,7 @@ pub(super) struct Defects {
 
 /// Divides the quads into about `count` patches that appear equally large to the camera. The size at which they
 /// appear is found by bisection.
-fn patches(quads: &[Quad], view: &View, count: usize) -> Vec<Patch> {
+fn patches(quads: &[Quad], view: &DemoCamera, count: usize) -> Vec<Patch> {
     let (mut small, mut large) = (0.2_f64, 200.0_f64);
     for _ in 0..22 {
         let middle = (small * large).sqrt();
@@ -116,7 +116,7 @@ fn patches(quads: &[Quad], view: &View, count: usize) -> Vec<Patch> {
 
 /// Divides the quads into patches whose sides appear at most `pixels` pixels long. Returns their number, and
 /// appends them to `list` if it is given.
-fn cut(quads: &[Quad], view: &View, pixels: f64, mut list: Option<&mut Vec<Patch>>) -> usize {
+fn cut(quads: &[Quad], view: &DemoCamera, pixels: f64, mut list: Option<&mut Vec<Patch>>) -> usize {
     let mut count = 0;
     let mut work = Vec::new();
     for (q, quad) in quads.iter().enumerate().filter(|(_, quad)| quad.paint != super::paint::Paint::Hidden) {
@@ -337,7 +337,7 @@ fn sky_dome(lit: &Lit<'_>, radius: f64, to: &mut Vec<Splat>) {
 }
 
 /// A faint splat in the air. `None` if its position is near the camera and in the camera's view.
-fn floater(lit: &Lit<'_>, layout: &Layout, view: &View, i: u64) -> Option<Splat> {
+fn floater(lit: &Lit<'_>, layout: &Layout, view: &DemoCamera, i: u64) -> Option<Splat> {
     let random = |d: u64| unit(lit.seed, 0x666c, i, d);
     let [low, high] = layout.bounds;
     let p = low + (high - low) * DVec3::new(random(0), random(1), random(2));

@@ -217,7 +217,7 @@ fn split(order: &mut [u32], bounds: &[[DVec3; 2]]) -> Option<usize> {
 #[cfg(test)]
 mod tests {
     use super::super::random::unit;
-    use super::super::shape::{Place, Shapes};
+    use super::super::shape::{Placement, Shapes};
     use super::*;
 
     #[test]
@@ -225,7 +225,7 @@ mod tests {
         let mut shapes = Shapes::default();
         for i in 0..60 {
             let r = |d| unit(3, 1, i, d);
-            let place = Place::new(4.0 * r(0), 4.0 * r(1), 2.0 * r(2), 360.0 * r(3));
+            let place = Placement::new(4.0 * r(0), 4.0 * r(1), 2.0 * r(2), 360.0 * r(3));
             let half = DVec3::new(0.05 + r(4), 0.02 + 0.3 * r(5), 0.1);
             shapes.cuboid(place, DVec3::ZERO, half, super::super::paint::Paint::Plain([0.5; 3]), false);
         }

@@ -8,7 +8,7 @@ use super::light::Sky;
 use super::paint::Paint;
 use super::place::Layout;
 use super::random::unit;
-use super::shape::{Place, Shapes};
+use super::shape::{Placement, Shapes};
 use crate::math::num;
 
 const LOW: DVec3 = DVec3::new(-5.0, -5.5, 0.0);
@@ -124,7 +124,7 @@ fn arcade(s: &mut Shapes) {
             [0.20, 2.54],
             [0.0, 2.54],
         ];
-        s.revolve(Place::new(-3.1, y, 0.0, 0.0), &column, 28, STONE, true);
+        s.revolve(Placement::new(-3.1, y, 0.0, 0.0), &column, 28, STONE, true);
     }
     s.between([-3.22, -3.2, 2.54], [-2.98, 4.9, 2.74], TIMBER, true);
     for i in 0..11 {
@@ -146,8 +146,8 @@ fn basin(s: &mut Shapes) {
         [0.74, 0.36],
         [0.0, 0.36],
     ];
-    s.revolve(Place::new(2.1, 2.45, 0.0, 0.0), &wall, 40, STONE, true);
-    s.revolve(Place::new(2.1, 2.45, 0.0, 0.0), &[[0.74, 0.40], [0.0, 0.405]], 40, Paint::Water, false);
+    s.revolve(Placement::new(2.1, 2.45, 0.0, 0.0), &wall, 40, STONE, true);
+    s.revolve(Placement::new(2.1, 2.45, 0.0, 0.0), &[[0.74, 0.40], [0.0, 0.405]], 40, Paint::Water, false);
     let spout = [
         [0.0, 0.36],
         [0.12, 0.36],
@@ -161,11 +161,11 @@ fn basin(s: &mut Shapes) {
         [0.05, 1.16],
         [0.0, 1.20],
     ];
-    s.revolve(Place::new(2.1, 2.45, 0.0, 0.0), &spout, 28, STONE, true);
+    s.revolve(Placement::new(2.1, 2.45, 0.0, 0.0), &spout, 28, STONE, true);
 }
 
 fn bench(s: &mut Shapes) {
-    let place = Place::new(-1.75, 2.7, 0.0, 18.0);
+    let place = Placement::new(-1.75, 2.7, 0.0, 18.0);
     let v = DVec3::new;
     for x in [-0.7, 0.7] {
         s.cuboid(place, v(x, 0.0, 0.21), v(0.07, 0.2, 0.21), STONE, true);
@@ -189,7 +189,7 @@ fn planter(s: &mut Shapes, seed: u64, i: u64, x: f64, y: f64) {
         [0.0, 0.40],
     ]
     .map(|[r, z]| [r * size, z * size]);
-    s.revolve(Place::new(x, y, 0.0, 0.0), &pot, 24, Paint::Plaster([0.42, 0.17, 0.085]), true);
+    s.revolve(Placement::new(x, y, 0.0, 0.0), &pot, 24, Paint::Plaster([0.42, 0.17, 0.085]), true);
     for k in 0..54_u64 {
         let r = |d: u64| unit(seed, 0x6c65, i * 1000 + k, d);
         let (sin, cos) = num::sin_cos(2.0 * PI * (k as f64 * 0.381_966 + 0.2 * r(0)));

@@ -303,8 +303,8 @@ struct Cache {
     points: Vec<Point>,
     low: DVec3,
     size: [usize; 3],
-    /// Index in `order` of the first point of each cell. The points of a cell are `order[starts[cell]..starts[cell
-    /// + 1]]`.
+    /// Index in `order` of the first point of each cell. The points of a cell are
+    /// `order[starts[cell]..starts[cell + 1]]`.
     starts: Vec<u32>,
     order: Vec<u32>,
 }

@@ -24,7 +24,7 @@ mod shape;
 
 use light::{Effort, Lit};
 use place::Layout;
-use view::{View, WorldFrame};
+use view::{DemoCamera, WorldFrame};
 
 engine::choices! {
     /// Setting of the demo scene.
@@ -83,7 +83,7 @@ engine::outputs! {
     }
 }
 
-impl View {
+impl DemoCamera {
     fn new(layout: &Layout, params: &DemoScene) -> Self {
         let forward = (layout.target - layout.eye).normalize();
         let right = forward.cross(DVec3::Z).normalize();
@@ -152,7 +152,7 @@ impl Kind for DemoScene {
             Setting::Room => room::layout(seed),
             Setting::Courtyard => courtyard::layout(seed),
         };
-        let view = View::new(&layout, params);
+        let view = DemoCamera::new(&layout, params);
         let quads = &layout.shapes.quads;
         let lit = Lit::new(quads, layout.sky, layout.opening, layout.lamp, seed, cx)?;
         cx.progress(0.3);

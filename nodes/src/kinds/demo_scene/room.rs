@@ -9,7 +9,7 @@ use super::light::{Lamp, Opening, Sky};
 use super::paint::Paint;
 use super::place::Layout;
 use super::random::unit;
-use super::shape::{Place, Shapes};
+use super::shape::{Placement, Shapes};
 use crate::math::num;
 
 const LEFT: f64 = -2.45;
@@ -153,7 +153,7 @@ fn window(s: &mut Shapes) {
 }
 
 fn table(s: &mut Shapes) {
-    let place = Place::new(0.0, 0.0, 0.0, 0.0);
+    let place = Placement::new(0.0, 0.0, 0.0, 0.0);
     let half = DVec3::new(0.72, 0.42, 0.021);
     s.cuboid(place, DVec3::new(0.0, 0.0, TABLE - half.z), half, OAK, true);
     for (x, y) in [(-0.62, -0.32), (0.62, -0.32), (-0.62, 0.32), (0.62, 0.32)] {
@@ -162,16 +162,16 @@ fn table(s: &mut Shapes) {
     }
     s.cuboid(place, DVec3::new(0.0, 0.0, 0.17), DVec3::new(0.60, 0.31, 0.011), OAK, true);
     // A stack of volumes and a bowl at one end, magazines below.
-    let stack = Place::new(0.47, 0.19, TABLE, -14.0);
+    let stack = Placement::new(0.47, 0.19, TABLE, -14.0);
     s.cuboid(stack, DVec3::new(0.0, 0.0, 0.016), DVec3::new(0.13, 0.095, 0.015), Paint::Book(3), true);
     s.cuboid(
-        Place::new(0.475, 0.185, TABLE, 9.0),
+        Placement::new(0.475, 0.185, TABLE, 9.0),
         DVec3::new(0.0, 0.0, 0.045),
         DVec3::new(0.115, 0.085, 0.013),
         Paint::Book(1),
         true,
     );
-    let below = Place::new(-0.15, 0.02, 0.182, 8.0);
+    let below = Placement::new(-0.15, 0.02, 0.182, 8.0);
     s.cuboid(below, DVec3::new(0.0, 0.0, 0.02), DVec3::new(0.15, 0.11, 0.019), Paint::Book(4), false);
     let bowl = [
         [0.0, 0.0],
@@ -184,7 +184,7 @@ fn table(s: &mut Shapes) {
         [0.045, 0.016],
         [0.0, 0.014],
     ];
-    s.revolve(Place::new(-0.47, 0.17, TABLE, 0.0), &bowl, 28, Paint::Lacquer([0.16, 0.24, 0.25]), true);
+    s.revolve(Placement::new(-0.47, 0.17, TABLE, 0.0), &bowl, 28, Paint::Lacquer([0.16, 0.24, 0.25]), true);
     for (x, y, c) in [
         (-0.50, 0.17, [0.45, 0.10, 0.035]),
         (-0.445, 0.15, [0.50, 0.30, 0.05]),
@@ -197,13 +197,13 @@ fn table(s: &mut Shapes) {
                 [r * sin, r - r * cos]
             })
             .collect();
-        s.revolve(Place::new(x, y, TABLE + 0.03, 0.0), &ball, 14, Paint::Lacquer(c), false);
+        s.revolve(Placement::new(x, y, TABLE + 0.03, 0.0), &ball, 14, Paint::Lacquer(c), false);
     }
 }
 
 fn sofa(s: &mut Shapes) {
     let cloth = Paint::Cloth([0.36, 0.33, 0.29]);
-    let place = Place::new(-0.55, 1.72, 0.0, 0.0);
+    let place = Placement::new(-0.55, 1.72, 0.0, 0.0);
     let v = DVec3::new;
     s.rounded(place, v(0.0, 0.02, 0.20), v(1.02, 0.40, 0.11), 0.03, 0.0, 4, cloth);
     for x in [-0.49, 0.49] {
@@ -217,7 +217,7 @@ fn sofa(s: &mut Shapes) {
     for (x, y) in [(-1.0, -0.3), (1.0, -0.3), (-1.0, 0.3), (1.0, 0.3)] {
         s.cuboid(place, v(x, y, 0.045), v(0.03, 0.03, 0.045), WALNUT, false);
     }
-    let leaning = Place::new(-1.16, 1.74, 0.60, 14.0);
+    let leaning = Placement::new(-1.16, 1.74, 0.60, 14.0);
     s.rounded(
         leaning,
         v(0.0, 0.0, 0.03),
@@ -227,7 +227,7 @@ fn sofa(s: &mut Shapes) {
         7,
         Paint::Cloth([0.42, 0.17, 0.065]),
     );
-    let second = Place::new(0.12, 1.72, 0.59, -10.0);
+    let second = Placement::new(0.12, 1.72, 0.59, -10.0);
     s.rounded(
         second,
         v(0.0, 0.0, 0.03),
@@ -284,7 +284,7 @@ fn shelf(s: &mut Shapes, seed: u64) {
                 x += 0.05;
                 continue;
             }
-            let book = Place::new(x + thick / 2.0, y0 + 0.02 + deep / 2.0, pair[0] + tall / 2.0, 0.0);
+            let book = Placement::new(x + thick / 2.0, y0 + 0.02 + deep / 2.0, pair[0] + tall / 2.0, 0.0);
             let half = DVec3::new(thick / 2.0 - 0.0008, deep / 2.0, tall / 2.0);
             s.cuboid(book, DVec3::ZERO, half, Paint::Book((r(5) * 1000.0) as u32), false);
             x += thick;
@@ -316,7 +316,7 @@ fn shelf(s: &mut Shapes, seed: u64) {
         [0.0, 0.20],
     ];
     s.revolve(
-        Place::new(x0 + 0.645, y0 + 0.14, levels[3], 0.0),
+        Placement::new(x0 + 0.645, y0 + 0.14, levels[3], 0.0),
         &vase,
         28,
         Paint::Lacquer([0.62, 0.60, 0.54]),
@@ -350,7 +350,7 @@ fn pictures(s: &mut Shapes) {
 }
 
 fn lamp(s: &mut Shapes) -> Lamp {
-    let place = Place::new(0.98, 1.86, 0.0, 0.0);
+    let place = Placement::new(0.98, 1.86, 0.0, 0.0);
     let metal = Paint::Lacquer([0.10, 0.09, 0.08]);
     s.revolve(
         place,
@@ -375,7 +375,7 @@ fn plant(s: &mut Shapes, seed: u64) {
     let (x, y) = (-2.0, 1.72);
     let pot =
         [[0.0, 0.0], [0.13, 0.0], [0.17, 0.14], [0.185, 0.32], [0.165, 0.32], [0.155, 0.27], [0.0, 0.27]];
-    s.revolve(Place::new(x, y, 0.0, 0.0), &pot, 24, Paint::Lacquer([0.52, 0.47, 0.40]), true);
+    s.revolve(Placement::new(x, y, 0.0, 0.0), &pot, 24, Paint::Lacquer([0.52, 0.47, 0.40]), true);
     for i in 0..30_u64 {
         let r = |d: u64| unit(seed, 0x706c, i, d);
         let turn = 2.0 * PI * (i as f64 * 0.382 + 0.1 * r(0));
@@ -407,7 +407,7 @@ fn rest(s: &mut Shapes) {
     let size = [high[0] - low[0], high[1] - low[1]];
     s.between(low, high, Paint::Rug(size), true);
     let cloth = Paint::Cloth([0.15, 0.19, 0.14]);
-    let chair = Place::new(1.86, 0.42, 0.0, 62.0);
+    let chair = Placement::new(1.86, 0.42, 0.0, 62.0);
     s.rounded(chair, v(0.0, 0.0, 0.28), v(0.33, 0.33, 0.10), 0.05, 0.01, 6, cloth);
     s.rounded(chair, v(0.0, -0.02, 0.43), v(0.29, 0.30, 0.07), 0.05, 0.015, 7, cloth);
     s.rounded(chair, v(0.0, -0.32, 0.62), v(0.36, 0.08, 0.34), 0.07, 0.012, 7, cloth);

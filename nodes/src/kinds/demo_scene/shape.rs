@@ -55,12 +55,12 @@ impl Quad {
 
 /// Placement by a rotation about the vertical axis, followed by a translation.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Place {
+pub(super) struct Placement {
     sin_cos: (f64, f64),
     at: DVec3,
 }
 
-impl Place {
+impl Placement {
     pub(super) fn new(x: f64, y: f64, z: f64, yaw_deg: f64) -> Self {
         Self { sin_cos: num::sin_cos(yaw_deg * PI / 180.0), at: DVec3::new(x, y, z) }
     }
@@ -114,7 +114,7 @@ impl Shapes {
     }
 
     /// Adds a box with the half extents `half` around `centre`, transformed by `place`.
-    pub(super) fn cuboid(&mut self, place: Place, centre: DVec3, half: DVec3, paint: Paint, proxy: bool) {
+    pub(super) fn cuboid(&mut self, place: Placement, centre: DVec3, half: DVec3, paint: Paint, proxy: bool) {
         let solid = proxy.then(|| self.solid());
         for (u, v, n) in FACES {
             let (u, v, n) = (DVec3::from(u) * half, DVec3::from(v) * half, DVec3::from(n) * half);
@@ -126,7 +126,7 @@ impl Shapes {
     /// Adds a box given by two corners, without rotation.
     pub(super) fn between(&mut self, low: [f64; 3], high: [f64; 3], paint: Paint, proxy: bool) {
         let (low, high) = (DVec3::from(low), DVec3::from(high));
-        let place = Place::new(0.0, 0.0, 0.0, 0.0);
+        let place = Placement::new(0.0, 0.0, 0.0, 0.0);
         self.cuboid(place, (low + high) * 0.5, (high - low) * 0.5, paint, proxy);
     }
 
@@ -135,7 +135,7 @@ impl Shapes {
     #[allow(clippy::too_many_arguments, reason = "a shape is defined by this many numbers")]
     pub(super) fn rounded(
         &mut self,
-        place: Place,
+        place: Placement,
         centre: DVec3,
         half: DVec3,
         radius: f64,
@@ -186,7 +186,7 @@ impl Shapes {
     /// height) from bottom to top. A radius of 0 closes an end.
     pub(super) fn revolve(
         &mut self,
-        place: Place,
+        place: Placement,
         profile: &[[f64; 2]],
         turns: usize,
         paint: Paint,

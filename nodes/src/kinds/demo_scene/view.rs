@@ -19,7 +19,7 @@ impl WorldFrame {
 }
 
 /// The camera in the frame of the scene.
-pub(super) struct View {
+pub(super) struct DemoCamera {
     pub(super) eye: DVec3,
     pub(super) right: DVec3,
     pub(super) down: DVec3,

@@ -38,10 +38,10 @@ impl Method {
         }
     }
 
-    pub(super) fn tell(self, notes: &mut Notes) -> Result<(), NodeError> {
+    pub(super) fn report(self, notes: &mut Notes) -> Result<(), NodeError> {
         match self {
             Self::Means => Ok(()),
-            Self::Oidn => oidn::tell(notes),
+            Self::Oidn => oidn::report(notes),
         }
     }
 }

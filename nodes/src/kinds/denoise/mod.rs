@@ -13,7 +13,7 @@ use crate::types::{Image, Images, Linear, NamedImage, Picture};
 use engine::{Context, Cost, Kind, NodeError, Notes, SourceFile, SourceRoot};
 use means::{Field, Reach, VALUES};
 pub use method::Method;
-use view::{View, known};
+use view::{ViewLayers, known};
 
 engine::params! {
     /// Removes noise from the output of `path-trace`, before `shadow-ratio`.
@@ -91,7 +91,11 @@ impl Denoise {
 
     /// Filters one view. Returns the denoised layers, the number of fireflies, and whether there are samples
     /// to filter but no variance.
-    fn view(&self, view: &View<'_>, cx: &Context) -> Result<([Image<Linear>; 3], u64, bool), NodeError> {
+    fn view(
+        &self,
+        view: &ViewLayers<'_>,
+        cx: &Context,
+    ) -> Result<([Image<Linear>; 3], u64, bool), NodeError> {
         let mut out = [view.without.clone(), view.with.clone(), view.object.clone()];
         if self.strength == 0.0 {
             return Ok((out, 0, false));
@@ -180,14 +184,14 @@ impl Kind for Denoise {
         let mut sets: [Vec<NamedImage>; 3] = Default::default();
         let views = &inputs.without.0;
         let (mut notes, mut fireflies) = (Notes::none(), 0);
-        params.method.tell(&mut notes)?;
+        params.method.report(&mut notes)?;
         for (index, view) in views.iter().enumerate() {
             cx.check()?;
             let without = linear(&view.picture, "without")?;
             let size = (without.width, without.height);
             let name = &view.name;
             let with = linear(matching(&inputs.with, "with", name, size)?, "with")?;
-            let layers = View {
+            let layers = ViewLayers {
                 without: &without,
                 with: &with,
                 object: &*linear(guide(&inputs.object, "object", name, size, 4)?, "object")?,

@@ -209,7 +209,7 @@ fn instruction_sets_do_not_show() {
         [without, with, object].map(|image| image.unwrap_or_else(|e| panic!("{e}")));
     let [depth, normal, variance] =
         [&inputs.depth, &inputs.normal, &inputs.variance].map(|images| &images.0[0].picture);
-    let view = View { without: &without, with: &with, object: &object, depth, normal, variance };
+    let view = ViewLayers { without: &without, with: &with, object: &object, depth, normal, variance };
     let (field, reach) =
         (view.receiver().0, Denoise { strength: 1.0, radius_px: 7, method: Method::Means }.reach(0));
     let average = |level| field.average_at(level, reach, &context()).unwrap_or_else(|e| panic!("{e}"));

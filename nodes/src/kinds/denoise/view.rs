@@ -14,7 +14,7 @@ const BRIGHT: f32 = 8.0;
 pub(super) const BRIGHTEST: f32 = 1e15;
 
 /// Layers of one view.
-pub(super) struct View<'a> {
+pub(super) struct ViewLayers<'a> {
     pub without: &'a Image<Linear>,
     pub with: &'a Image<Linear>,
     pub object: &'a Image<Linear>,
@@ -23,7 +23,7 @@ pub(super) struct View<'a> {
     pub variance: &'a Picture,
 }
 
-impl View<'_> {
+impl ViewLayers<'_> {
     /// Builds a field whose normals and nearness come from the guide layers. `fill` sets the other data of a pixel;
     /// its arguments are the index of the pixel, the alpha of the object there, and the pixel to fill.
     fn field(&self, fill: impl Fn(usize, f32, &mut Pixel)) -> Field {

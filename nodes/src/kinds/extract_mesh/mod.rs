@@ -12,7 +12,7 @@ use glam::{DVec3, Vec3};
 use crate::math::equirect;
 use crate::render::fusion::cubes::wanted;
 use crate::render::fusion::field::{self, Field};
-use crate::render::fusion::levels::Levels;
+use crate::render::fusion::levels::{Cube, Levels};
 use crate::render::fusion::places::{Ground, Places};
 use crate::render::fusion::surface::Surface;
 use crate::render::fusion::{depth_view, pieces, simplify, tint};
@@ -68,6 +68,10 @@ engine::outputs! {
     pub struct Out {
         /// The mesh.
         mesh: Arc<Mesh>,
+        /// The mesh with the confidence of each vertex as a grey colour: 0 if fewer than two views see the vertex,
+        /// otherwise `1 / (1 + (d / c)^2)`, where `d` is the standard deviation of the positions of the surface in
+        /// the views and `c` is half the side of a cell.
+        confidence: Arc<Mesh>,
         /// Counts from the extraction, and measures of the agreement between the mesh and the splats.
         report: Arc<Report>,
     }
@@ -164,12 +168,7 @@ impl Kind for ExtractMesh {
         };
         let (cubes, too_many) = wanted(&places.views, &levels, MOST_CUBES, cx)?;
         if too_many {
-            let farthest = cubes.iter().map(|cube| levels.distance_to(*cube)).fold(0.0, f32::max);
-            let text = format!(
-                "the mesh reaches only {:.2} m, because the number of cubes of cells is limited to {MOST_CUBES}; raise `voxel_metres` for a larger mesh",
-                f64::from(farthest) / metre
-            );
-            notes.degraded("mesh-cut", text);
+            report_cut(&cubes, &levels, metre, &mut notes);
         }
         cx.progress(0.55);
         let field = Field::fused(&cubes, &places.views, &levels, (HALF_METRES * metre) as f32, cx)?;
@@ -196,19 +195,13 @@ impl Kind for ExtractMesh {
             notes.degraded("empty", "the mesh is empty: the views show no surface");
         }
 
-        let far = surface.points.iter().map(|p| p.abs().max_element()).fold(0.0, f32::max);
-        let whole = |point: &Vec3| origin + point.as_dvec3();
-        let high = |point: &Vec3| whole(point).as_vec3();
-        // True if rounding to f32 would move a point by a hundredth of a cell or more.
-        let coarse =
-            (origin.abs().max_element() + f64::from(far)) * f64::from(f32::EPSILON) > 0.01 * f64::from(cell);
-        let low = |point: &Vec3| (whole(point) - high(point).as_dvec3()).as_vec3().to_array();
-        let mesh = Mesh {
-            positions: surface.points.iter().map(|point| high(point).to_array()).collect(),
-            positions_low: if coarse { surface.points.iter().map(low).collect() } else { Vec::new() },
-            colours: seen.iter().map(|seen| seen.colour).collect(),
-            triangles: surface.triangles.clone(),
-        };
+        let mesh = mesh_of(&surface, &seen, origin, cell);
+        let confidences = seen.iter().zip(&surface.levels).map(|(seen, level)| {
+            let ratio = 2.0 * seen.deviation / levels.cell_of(*level);
+            let confidence = if seen.views < 2 { 0.0 } else { 1.0 / (1.0 + ratio * ratio) };
+            [confidence; 3]
+        });
+        let confidence = Mesh { colours: confidences.collect(), ..mesh.clone() };
         cx.count("mesh_views", view_count as u64);
         cx.count("mesh_cubes", held as u64);
         cx.count("mesh_triangles", mesh.triangles.len() as u64);
@@ -230,6 +223,34 @@ impl Kind for ExtractMesh {
             tables.push(report::views(scene, (&surface, origin), rig, (&levels, metre), cx)?);
         }
         let report = Report { title: "Mesh from splats".to_owned(), tables };
-        Ok((Out { mesh: Arc::new(mesh), report: Arc::new(report) }, notes))
+        let (mesh, confidence) = (Arc::new(mesh), Arc::new(confidence));
+        Ok((Out { mesh, confidence, report: Arc::new(report) }, notes))
     }
+}
+
+/// The mesh of a surface in world units. `origin` is the origin of its points, and `cell` the size of a cell.
+fn mesh_of(surface: &Surface, seen: &[tint::Seen], origin: DVec3, cell: f32) -> Mesh {
+    let far = surface.points.iter().map(|p| p.abs().max_element()).fold(0.0, f32::max);
+    let whole = |point: &Vec3| origin + point.as_dvec3();
+    let high = |point: &Vec3| whole(point).as_vec3();
+    // True if rounding to f32 would move a point by a hundredth of a cell or more.
+    let coarse =
+        (origin.abs().max_element() + f64::from(far)) * f64::from(f32::EPSILON) > 0.01 * f64::from(cell);
+    let low = |point: &Vec3| (whole(point) - high(point).as_dvec3()).as_vec3().to_array();
+    Mesh {
+        positions: surface.points.iter().map(|point| high(point).to_array()).collect(),
+        positions_low: if coarse { surface.points.iter().map(low).collect() } else { Vec::new() },
+        colours: seen.iter().map(|seen| seen.colour).collect(),
+        triangles: surface.triangles.clone(),
+    }
+}
+
+/// Reports that the mesh ends where the number of cubes reaches its limit.
+fn report_cut(cubes: &[Cube], levels: &Levels, metre: f64, notes: &mut Notes) {
+    let farthest = cubes.iter().map(|cube| levels.distance_to(*cube)).fold(0.0, f32::max);
+    let text = format!(
+        "the mesh reaches only {:.2} m, because the number of cubes of cells is limited to {MOST_CUBES}; raise `voxel_metres` for a larger mesh",
+        f64::from(farthest) / metre
+    );
+    notes.degraded("mesh-cut", text);
 }

@@ -5,7 +5,7 @@ use engine::{Context, NodeError};
 use glam::{DVec3, Vec3};
 
 use crate::geometry::bvh::Bvh;
-use crate::geometry::support::Level;
+use crate::geometry::support::GroundPlane;
 use crate::render::fusion::fit::fit;
 use crate::render::fusion::levels::Levels;
 use crate::render::fusion::surface::Surface;
@@ -51,7 +51,7 @@ pub(super) fn ground(surface: &Surface, seen: &[Seen], focus: Vec3, axes: [DVec3
             deviations.push(f64::from(seen.deviation));
         }
     }
-    let level = Level::of(&points);
+    let level = GroundPlane::of(&points);
     let median = |mut values: Vec<f64>| {
         values.sort_unstable_by(f64::total_cmp);
         values.get(values.len() / 2).copied()
@@ -104,6 +104,8 @@ pub(super) fn views(
             share(fit.holes),
             share(fit.extra),
             share(fit.backs),
+            fit.silhouettes[0].map_or(Cell::Missing, share),
+            fit.silhouettes[1].map_or(Cell::Missing, share),
         ])
     };
     let rows = rig.cameras.iter().step_by(every).map(row).collect::<Result<Vec<_>, NodeError>>()?;
@@ -114,6 +116,8 @@ pub(super) fn views(
         "pixels with splats but no mesh (%)",
         "pixels with mesh but no splats (%)",
         "pixels that show the back of the mesh (%)",
+        "silhouettes of the splats that the mesh has (%)",
+        "silhouettes of the mesh that the splats have (%)",
     ];
     Ok(Table::new("views", columns, rows))
 }

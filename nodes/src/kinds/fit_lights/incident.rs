@@ -3,7 +3,7 @@
 use engine::{Context, NodeError};
 use glam::{DVec3, Vec3};
 
-use super::place::{CLIPPED, Place, Seen};
+use super::place::{CLIPPED, PlaceMesh, Seen};
 use super::shading::Shading;
 use crate::light::measure::spiral;
 use crate::math::color::luminance;
@@ -40,7 +40,7 @@ pub(super) fn shown(env: &Environment, direction: DVec3) -> (Vec3, bool) {
 /// Incident light of each point: the captured colours of the surfaces that are visible from it, and the
 /// environment in all other directions.
 pub(super) fn incident(
-    place: &Place,
+    place: &PlaceMesh,
     shading: &Shading,
     env: &Environment,
     cx: &Context,

@@ -16,7 +16,7 @@ mod relight;
 mod shading;
 mod sun;
 
-use self::place::Place;
+use self::place::PlaceMesh;
 use self::shading::Shading;
 use self::sun::{RIVAL_DEG, Sun, Verdict};
 
@@ -104,7 +104,7 @@ impl Kind for FitLights {
                 .at("receiver")
                 .hint("wire `splats`, which show the colours of the place"));
         }
-        let place = Place::new(&receiver);
+        let place = PlaceMesh::new(&receiver);
         let shading = Shading::sample(&place, splats.as_deref(), origin, params.points as usize, cx)?;
         cx.count("points", shading.points.len() as u64);
         let found = sun::find(&place, &shading, &env, cx)?;
@@ -132,7 +132,7 @@ impl Kind for FitLights {
 }
 
 /// Decides whether the best candidate is accepted as a sun that lights the point of capture.
-fn judge(params: &FitLights, found: Option<&Sun>, place: &Place, origin: DVec3) -> Verdict {
+fn judge(params: &FitLights, found: Option<&Sun>, place: &PlaceMesh, origin: DVec3) -> Verdict {
     match found {
         None => Verdict::NothingToCompare,
         Some(sun) if sun.gain < params.min_gain => Verdict::Unexplained,

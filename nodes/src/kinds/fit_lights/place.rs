@@ -13,7 +13,7 @@ pub(super) const CLIPPED: f32 = 0.93;
 const OFFSET: f64 = 0.002;
 
 /// Mesh of a place for ray casting. Positions are relative to the middle of the mesh, in f32.
-pub(super) struct Place {
+pub(super) struct PlaceMesh {
     bvh: Bvh,
     /// Corners of each triangle.
     pub corners: Vec<[Vec3; 3]>,
@@ -33,7 +33,7 @@ pub(super) enum Seen {
     Surface(Vec3),
 }
 
-impl Place {
+impl PlaceMesh {
     pub fn new(mesh: &Mesh) -> Self {
         let (low, high) = (0..mesh.positions.len() as u32).map(|v| mesh.position(v)).fold(
             (DVec3::INFINITY, DVec3::NEG_INFINITY),

@@ -3,7 +3,7 @@
 use engine::{Context, NodeError};
 use glam::{DQuat, DVec3, Vec3};
 
-use super::place::{CLIPPED, Place};
+use super::place::{CLIPPED, PlaceMesh};
 use crate::math::color::linear_from_srgb;
 use crate::types::{SplatEncoding, Splats};
 
@@ -50,7 +50,7 @@ impl Shading {
     /// matter more for an object at that point. Points are taken at equal steps of the cumulative weight, so equal
     /// inputs give equal points.
     pub fn sample(
-        place: &Place,
+        place: &PlaceMesh,
         splats: Option<&Splats>,
         origin: DVec3,
         count: usize,
@@ -97,7 +97,7 @@ impl Shading {
 
 /// True if a surface is visible from the point of capture. The colours of hidden surfaces are meaningless,
 /// because no camera captured them.
-fn is_seen(place: &Place, origin: DVec3, size: f64, surface: &Surface) -> bool {
+fn is_seen(place: &PlaceMesh, origin: DVec3, size: f64, surface: &Surface) -> bool {
     let towards = (surface.point.position - origin) / surface.distance;
     place.distance(origin, towards) > surface.distance - 0.02 * (size + surface.distance)
 }
@@ -114,7 +114,7 @@ fn surface(position: DVec3, normal: DVec3, radiance: Vec3, area: f64, origin: DV
 
 /// Converts a splat to a surface: its two long axes span the surface, and its short axis is the normal. `None` if
 /// the splat cannot be used, for example because it is transparent.
-fn of_splat(splats: &Splats, index: usize, place: &Place, origin: DVec3) -> Option<Surface> {
+fn of_splat(splats: &Splats, index: usize, place: &PlaceMesh, origin: DVec3) -> Option<Surface> {
     let scales = splats.scales[index].map(f64::from);
     let thin = (0..3).min_by(|&a, &b| scales[a].total_cmp(&scales[b]))?;
     if splats.opacities[index] <= OPAQUE {
@@ -131,7 +131,7 @@ fn of_splat(splats: &Splats, index: usize, place: &Place, origin: DVec3) -> Opti
     surface(place.local(splats.mean(index)), normal, radiance, area, origin)
 }
 
-fn of_triangle(place: &Place, index: usize, origin: DVec3) -> Option<Surface> {
+fn of_triangle(place: &PlaceMesh, index: usize, origin: DVec3) -> Option<Surface> {
     let [a, b, c] = place.corners[index].map(Vec3::as_dvec3);
     let normal = (b - a).cross(c - a);
     let area = 0.5 * normal.length();

@@ -5,7 +5,7 @@ use glam::DVec3;
 
 use super::incident::{Incident, WHITE, incident};
 use super::pairs::{Pair, neighbours};
-use super::place::Place;
+use super::place::PlaceMesh;
 use super::shading::Shading;
 use crate::light::measure::spiral;
 use crate::light::regions;
@@ -95,7 +95,7 @@ impl Verdict {
 /// Finds the direction in or near the clipped regions that explains the colours of the place best. `None` if
 /// there is nothing to compare.
 pub(super) fn find(
-    place: &Place,
+    place: &PlaceMesh,
     shading: &Shading,
     env: &Environment,
     cx: &Context,
@@ -200,7 +200,7 @@ fn around(direction: DVec3, step: f64) -> Vec<DVec3> {
 
 /// Points, and the light that they receive.
 struct Scene<'a> {
-    place: &'a Place,
+    place: &'a PlaceMesh,
     shading: &'a Shading,
     incident: Vec<Incident>,
 }

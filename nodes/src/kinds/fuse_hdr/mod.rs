@@ -177,7 +177,7 @@ impl Kind for FuseHdr {
         cx.check()?;
         let balance = Balance::of(base.up, &pixels, &base.alpha, &image);
         match params.ground_albedo {
-            None => balance.tell(&mut notes),
+            None => balance.report(&mut notes),
             Some(albedo) => {
                 if let Some(radiance) = balance.sky(albedo, &mut notes) {
                     sky::add(radiance, base.up, &base.alpha, &mut image, &mut fused, &mut lights);

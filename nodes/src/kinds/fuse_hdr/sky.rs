@@ -96,7 +96,7 @@ impl Balance {
     }
 
     /// Warns if the ground is brighter than the light allows and part of the upper half was not seen.
-    pub(super) fn tell(&self, notes: &mut Notes) {
+    pub(super) fn report(&self, notes: &mut Notes) {
         let Some(albedo) = self.albedo().filter(|albedo| *albedo > MOST_ALBEDO) else { return };
         if self.share > LEAST_OPEN {
             let text = format!(

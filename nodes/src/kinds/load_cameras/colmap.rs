@@ -1,6 +1,7 @@
 //! COLMAP models: the files `cameras` and `images`, as text or binary.
 
 use std::collections::BTreeMap;
+use std::io::{BufRead, Read};
 
 use super::distortion::{Bend, Coefficients};
 use super::raw::{Raw, from_colmap};
@@ -8,8 +9,8 @@ use crate::error::Error;
 use crate::io::foreign::{BYTE_ORDER_MARK, refuse_foreign};
 
 /// Name of each camera model and its number of parameters, in the order of the model numbers in binary files;
-/// see COLMAP's documentation of cameras.txt.
-const MODELS: [(&str, usize); 11] = [
+/// see COLMAP's documentation of cameras.txt and its `sensor/models.h`.
+const MODELS: [(&str, usize); 18] = [
     ("SIMPLE_PINHOLE", 3),
     ("PINHOLE", 4),
     ("SIMPLE_RADIAL", 4),
@@ -21,7 +22,16 @@ const MODELS: [(&str, usize); 11] = [
     ("SIMPLE_RADIAL_FISHEYE", 4),
     ("RADIAL_FISHEYE", 5),
     ("THIN_PRISM_FISHEYE", 12),
+    ("RAD_TAN_THIN_PRISM_FISHEYE", 16),
+    ("SIMPLE_DIVISION", 4),
+    ("DIVISION", 5),
+    ("SIMPLE_FISHEYE", 3),
+    ("FISHEYE", 4),
+    ("EUCM", 6),
+    (PANORAMA, 2),
 ];
+/// The camera model of panoramas. Its parameters are the width and the height.
+const PANORAMA: &str = "EQUIRECTANGULAR";
 
 struct Lens {
     width: u64,
@@ -46,34 +56,57 @@ fn coefficients(model: &str, rest: &[f64]) -> Coefficients {
             found.k[2..].iter_mut().zip(others).for_each(|(to, from)| *to = *from);
         }
         ("FOV", [omega]) => found.omega = *omega,
+        // A point at the radius r of the picture moves by r^3 |k| / (1 + k r^2), which is at most 2 |k| r^3 if |k| r^2
+        // is at most 1/2. Beyond that, the bound is larger than the half of the picture.
+        ("SIMPLE_DIVISION" | "DIVISION", [k]) => found.k[0] = 2.0 * k,
         _ => {}
     }
     found
 }
 
-fn lens(model: &str, width: u64, height: u64, params: &[f64]) -> Option<Lens> {
-    let (_, count) = MODELS.iter().find(|(name, _)| *name == model)?;
+/// Reads the parameters of a camera. The error is the end of a sentence that begins with the camera.
+fn lens(model: &str, width: u64, height: u64, params: &[f64]) -> Result<Lens, String> {
+    let Some((_, count)) = MODELS.iter().find(|(name, _)| *name == model) else {
+        return Err(format!("has the camera model `{model}`, which is unknown"));
+    };
+    if model == PANORAMA {
+        return Err(format!("has the camera model `{model}`, which is not a perspective camera"));
+    }
+    let wrong = || format!("has {} parameters, but the camera model `{model}` has {count}", params.len());
     if params.len() != *count {
-        return None;
+        return Err(wrong());
     }
     let one_focal = matches!(
         model,
-        "SIMPLE_PINHOLE" | "SIMPLE_RADIAL" | "RADIAL" | "SIMPLE_RADIAL_FISHEYE" | "RADIAL_FISHEYE"
+        "SIMPLE_PINHOLE"
+            | "SIMPLE_RADIAL"
+            | "RADIAL"
+            | "SIMPLE_RADIAL_FISHEYE"
+            | "RADIAL_FISHEYE"
+            | "SIMPLE_DIVISION"
+            | "SIMPLE_FISHEYE"
     );
     let (lens, rest) = match (one_focal, params) {
         (true, [f, cx, cy, rest @ ..]) => ([*f, *f, *cx, *cy], rest),
         (false, [fx, fy, cx, cy, rest @ ..]) => ([*fx, *fy, *cx, *cy], rest),
-        _ => return None,
+        _ => return Err(wrong()),
     };
-    // Fisheye models distort even when all their coefficients are 0.
-    let pixels = if model.contains("FISHEYE") {
-        f64::INFINITY
-    } else {
-        coefficients(model, rest).pixels([width, height], lens)
+    let pixels = match (model, rest) {
+        // Fisheye models distort even when all their coefficients are 0.
+        _ if model.contains("FISHEYE") => f64::INFINITY,
+        // The parameters are alpha and beta; an alpha of 0 is a pinhole camera.
+        ("EUCM", [alpha, _]) => {
+            if *alpha == 0.0 {
+                0.0
+            } else {
+                f64::INFINITY
+            }
+        }
+        _ => coefficients(model, rest).pixels([width, height], lens),
     };
     let bends = pixels.partial_cmp(&0.0) != Some(std::cmp::Ordering::Equal);
     let distortion = bends.then(|| Bend { text: format!("{model} {rest:?}"), pixels });
-    Some(Lens { width, height, lens, distortion })
+    Ok(Lens { width, height, lens, distortion })
 }
 
 fn camera(
@@ -124,7 +157,10 @@ pub fn text(file: &str, cameras: &[u8], images: &[u8]) -> Result<Vec<Raw>, Error
         let [id, model, width, height, params @ ..] = words.as_slice() else { return Err(odd()) };
         let params = params.iter().map(|w| w.parse().ok()).collect::<Option<Vec<f64>>>().ok_or_else(odd)?;
         let whole = |word: &str| word.parse::<u64>().map_err(|_| odd());
-        lenses.insert(whole(id)?, lens(model, whole(width)?, whole(height)?, &params).ok_or_else(odd)?);
+        let id = whole(id)?;
+        let lens = lens(model, whole(width)?, whole(height)?, &params)
+            .map_err(|what| Error::unsupported(file, format!("camera {id} {what}")))?;
+        lenses.insert(id, lens);
     }
     let mut found = Vec::new();
     for (number, line) in as_text(file, images)?.lines().enumerate() {
@@ -157,9 +193,43 @@ fn first_words<const N: usize>(line: &str) -> Option<([&str; N], &str)> {
     (!rest.is_empty()).then_some((words, rest))
 }
 
-/// True if a line of images.txt lists points: repeated x, y, and the index of a 3D point or -1.
+/// Number of images in an `images.txt`, without checking them. Memory does not depend on the length of the lines.
+pub fn count_images(reader: &mut impl BufRead) -> std::io::Result<usize> {
+    /// Number of bytes of a line that are kept. The first words of a line distinguish images and points.
+    const HEAD: u64 = 1 << 16;
+    let (mut count, mut first, mut head) = (0, true, Vec::new());
+    loop {
+        head.clear();
+        if reader.by_ref().take(HEAD).read_until(b'\n', &mut head)? == 0 {
+            return Ok(count);
+        }
+        let cut = !head.ends_with(b"\n");
+        if cut {
+            reader.skip_until(b'\n')?;
+        }
+        let line = head.strip_prefix(BYTE_ORDER_MARK).filter(|_| first).unwrap_or(&head);
+        first = false;
+        let line = String::from_utf8_lossy(line);
+        let line = line.trim();
+        let few: Vec<&str> = line.split_ascii_whitespace().take(FEW).collect();
+        let points = if few.len() < FEW { is_points(line) } else { are_points(&few) };
+        if !(line.is_empty() || line.starts_with('#') || points) {
+            count += 1;
+        }
+    }
+}
+
+/// Number of words that distinguish a long line of points from an image: four points. An image has ten words or more,
+/// and its tenth word begins its name.
+const FEW: usize = 12;
+
+/// True if a line of images.txt lists points.
 fn is_points(line: &str) -> bool {
-    let words: Vec<&str> = line.split_ascii_whitespace().collect();
+    are_points(&line.split_ascii_whitespace().collect::<Vec<_>>())
+}
+
+/// True if words are points: repeated x, y, and the index of a 3D point or -1.
+fn are_points(words: &[&str]) -> bool {
     words.len().is_multiple_of(3)
         && words.chunks(3).all(|point| match point {
             [x, y, id] => x.parse::<f64>().is_ok() && y.parse::<f64>().is_ok() && id.parse::<i64>().is_ok(),
@@ -229,11 +299,12 @@ pub fn binary(file: &str, cameras: &[u8], images: &[u8]) -> Result<Vec<Raw>, Err
         let (id, model) = (from.u32()?, from.u32()? as usize);
         let (width, height) = (from.u64()?, from.u64()?);
         let (name, count) = MODELS.get(model).ok_or_else(|| {
-            Error::unsupported(file, format!("the number {model} of a camera model is unknown"))
+            let what = format!("camera {id} has the camera model with the number {model}, which is unknown");
+            Error::unsupported(file, what)
         })?;
         let params = (0..*count).map(|_| from.f64()).collect::<Result<Vec<_>, _>>()?;
         let lens = lens(name, width, height, &params)
-            .ok_or_else(|| Error::format(file, format!("camera {id} has parameters that are not valid")))?;
+            .map_err(|what| Error::unsupported(file, format!("camera {id} {what}")))?;
         lenses.insert(u64::from(id), lens);
     }
     from.end()?;

@@ -8,27 +8,21 @@ use serde_json::Value;
 use super::distortion::{Bend, Coefficients};
 use super::raw::Raw;
 use crate::error::Error;
-use crate::io::foreign::{json_text, refuse_foreign};
+use crate::io::foreign::{json_text, portable_path, refuse_foreign};
 use crate::math::num;
 
-/// Function that returns the width and height of a picture, given its path as written in the file. `None` if the
-/// picture cannot be read.
-pub type Sizes<'a> = &'a dyn Fn(&str) -> Option<[u64; 2]>;
-
-/// Converts the backslashes in the path of a picture to slashes, since exporters on Windows write backslashes, and
-/// removes a leading `./`.
-pub fn picture_path(path: &str) -> String {
-    let path = path.replace('\\', "/");
-    path.strip_prefix("./").map(str::to_owned).unwrap_or(path)
-}
+/// Function that returns the width and height of a picture, given its path as written in the file. If the picture
+/// cannot be read, the error is the end of a sentence that begins with the picture.
+pub type Sizes<'a> = &'a dyn Fn(&str) -> Result<[u64; 2], String>;
 
 /// Paths of the pictures of those frames of a `transforms.json` that have no size. Empty for any other file.
 pub fn pictures_without_size(bytes: &[u8]) -> Vec<String> {
     let Ok(json) = serde_json::from_slice::<Value>(json_text(bytes)) else { return Vec::new() };
-    let sized =
-        |frame: &Value| ["w", "h"].iter().all(|key| level(&json, frame, &[*key])[*key].as_f64().is_some());
+    let sized = |frame: &Value| {
+        ["w", "h"].iter().all(|key| matches!(optional(level(&json, frame, &[*key]), key), Ok(Some(_))))
+    };
     let frames = json["frames"].as_array().into_iter().flatten();
-    frames.filter(|f| !sized(f)).filter_map(|f| f["file_path"].as_str()).map(picture_path).collect()
+    frames.filter(|f| !sized(f)).filter_map(|f| f["file_path"].as_str()).map(portable_path).collect()
 }
 
 /// Reads the cameras of a file in any of the formats. The format is detected by content.
@@ -90,12 +84,9 @@ fn number(v: &Value, key: &str) -> Result<f64, String> {
 }
 
 fn pixels(v: &Value, key: &str) -> Result<u64, String> {
-    // Some writers print whole numbers as `800.0`.
+    // Some writers print whole numbers as `800.0` or as text.
     let whole = |f: f64| if f.trunc() == f && (0.0..1e9).contains(&f) { Some(f as u64) } else { None };
-    v[key]
-        .as_u64()
-        .or_else(|| v[key].as_f64().and_then(whole))
-        .ok_or_else(|| format!("has no valid size `{key}`"))
+    optional(v, key)?.and_then(whole).ok_or_else(|| format!("has no valid size `{key}`"))
 }
 
 /// Reads a matrix of 3 or 4 rows of 4 numbers, or of 3 rows of 3 if `columns` is 3.
@@ -148,12 +139,82 @@ fn level<'a>(top: &'a Value, frame: &'a Value, keys: &[&str]) -> &'a Value {
 const OTHER_LENSES: [&str; 5] =
     ["latlong", "equirectangular", "orthographic", "ftheta_p0", "is_equirectangular"];
 
+/// Number of a key as nerfstudio reads it: a number, or a text that holds a number. `None` if the key is absent or
+/// null; any other value is an error.
+fn optional(holder: &Value, key: &str) -> Result<Option<f64>, String> {
+    let number = match &holder[key] {
+        Value::Null => return Ok(None),
+        Value::Number(number) => number.as_f64(),
+        Value::String(text) => text.trim().parse().ok(),
+        _ => None,
+    };
+    number.map(Some).ok_or_else(|| format!("has a `{key}` that is not a number"))
+}
+
 /// Focal length along an axis, in pixels. The file gives it as a length, or as a field of view in radians or in
-/// degrees. `None` if the file gives none of these.
-fn focal(holder: &Value, [length, radians, degrees]: [&str; 3], size: u64) -> Option<f64> {
-    let by_angle = |angle: f64| size as f64 / 2.0 / num::f64::tan(angle / 2.0);
-    let angle = || holder[radians].as_f64().or_else(|| Some(holder[degrees].as_f64()?.to_radians()));
-    holder[length].as_f64().or_else(|| angle().map(by_angle))
+/// degrees. `None` if the file gives none of these. A field of view outside 0 to 180 degrees is an error.
+fn focal(holder: &Value, [length, radians, degrees]: [&str; 3], size: u64) -> Result<Option<f64>, String> {
+    if let Some(length) = optional(holder, length)? {
+        return Ok(Some(length));
+    }
+    if let Some(angle) = optional(holder, radians)? {
+        return by_angle(angle, size).map(Some).ok_or_else(|| {
+            format!(
+                "has the angle `{radians}` {angle}, which is not between 0 and pi: it is in radians, and `{degrees}` \
+                 is in degrees"
+            )
+        });
+    }
+    let Some(angle) = optional(holder, degrees)? else { return Ok(None) };
+    by_angle(angle.to_radians(), size)
+        .map(Some)
+        .ok_or_else(|| format!("has the angle `{degrees}` {angle}, which is not between 0 and 180 degrees"))
+}
+
+/// Focal length in pixels of a lens whose field of view, in radians, covers `size` pixels. `None` if the field of view
+/// is not between 0 and pi.
+fn by_angle(angle: f64, size: u64) -> Option<f64> {
+    let valid = angle > 0.0 && angle < std::f64::consts::PI;
+    valid.then(|| size as f64 / 2.0 / num::f64::tan(angle / 2.0))
+}
+
+/// Names of the coefficients of lens distortion, in the order of [`Coefficients`].
+const COEFFICIENTS: [&str; 8] = ["k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"];
+/// Positions of the numbers of nerfstudio's `distortion_params` in [`COEFFICIENTS`]: k1, k2, k3, k4, p1, p2.
+const LISTED: [usize; 6] = [0, 1, 2, 3, 6, 7];
+
+/// Coefficients of lens distortion of a frame, and the non-zero coefficients as text. They are keys of their own, or
+/// the numbers of the list `distortion_params`. If both give a coefficient, the larger magnitude counts, since
+/// programs differ in which they prefer.
+fn coefficients(top: &Value, frame: &Value) -> Result<(Coefficients, Vec<String>), String> {
+    const LIST: &str = "distortion_params";
+    let mut numbers = [0.0; COEFFICIENTS.len()];
+    for (name, to) in COEFFICIENTS.into_iter().zip(&mut numbers) {
+        *to = optional(level(top, frame, &[name]), name)?.unwrap_or(0.0);
+    }
+    match &level(top, frame, &[LIST])[LIST] {
+        Value::Null => {}
+        Value::Array(list) => {
+            let listed = list.iter().map(Value::as_f64).collect::<Option<Vec<f64>>>();
+            let listed = listed.ok_or_else(|| format!("has a `{LIST}` whose entries are not numbers"))?;
+            if listed.len() != LISTED.len() && listed.iter().any(|number| *number != 0.0) {
+                return Err(format!(
+                    "has a `{LIST}` of {} numbers, not of the six numbers k1, k2, k3, k4, p1, p2",
+                    listed.len()
+                ));
+            }
+            for (at, number) in LISTED.into_iter().zip(listed) {
+                if number.abs() > numbers[at].abs() {
+                    numbers[at] = number;
+                }
+            }
+        }
+        _ => return Err(format!("has a `{LIST}` that is not a list of numbers")),
+    }
+    let named = COEFFICIENTS.iter().zip(numbers).filter(|(_, number)| *number != 0.0);
+    let bends = named.map(|(name, number)| format!("{name} {number}")).collect();
+    let [k @ .., p1, p2] = numbers;
+    Ok((Coefficients { k, p: [p1, p2], ..Coefficients::default() }, bends))
 }
 
 /// Reads a frame as described on nerfstudio's page on its data format. Values missing in a frame are taken from the
@@ -161,34 +222,27 @@ fn focal(holder: &Value, [length, radians, degrees]: [&str; 3], size: u64) -> Op
 /// the top level.
 fn nerfstudio(top: &Value, frame: &Value, sizes: Sizes<'_>) -> Result<Raw, String> {
     let holder = |key: &str| level(top, frame, &[key]);
-    let picture = picture_path(frame["file_path"].as_str().ok_or("has no `file_path`")?);
+    let picture = portable_path(frame["file_path"].as_str().ok_or("has no `file_path`")?);
     let (width, height) = match (pixels(holder("w"), "w"), pixels(holder("h"), "h")) {
         (Ok(width), Ok(height)) => (width, height),
         (width, height) => {
             let [w, h] = sizes(&picture)
-                .ok_or_else(|| format!("has no size `w`, `h`, and its picture `{picture}` cannot be read"))?;
+                .map_err(|what| format!("has no size `w`, `h`, and its picture `{picture}` {what}"))?;
             (width.unwrap_or(w), height.unwrap_or(h))
         }
     };
     const X: [&str; 3] = ["fl_x", "camera_angle_x", "x_fov"];
     const Y: [&str; 3] = ["fl_y", "camera_angle_y", "y_fov"];
     let lens = level(top, frame, &[X, Y].concat());
-    let (fx, fy) = match (focal(lens, X, width), focal(lens, Y, height)) {
+    let (fx, fy) = match (focal(lens, X, width)?, focal(lens, Y, height)?) {
         (Some(fx), Some(fy)) => (fx, fy),
         (Some(one), None) | (None, Some(one)) => (one, one),
         (None, None) => return Err("has neither `fl_x` nor `camera_angle_x`".to_owned()),
     };
-    let middle = |key: &str, size: u64| holder(key)[key].as_f64().unwrap_or(size as f64 / 2.0);
+    let middle =
+        |key: &str, size: u64| Ok::<_, String>(optional(holder(key), key)?.unwrap_or(size as f64 / 2.0));
     let model = holder("camera_model")["camera_model"].as_str().unwrap_or("OPENCV");
-    let mut found = Coefficients::default();
-    let mut bends = Vec::new();
-    let names = ["k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"];
-    for (name, to) in names.into_iter().zip(found.k.iter_mut().chain(&mut found.p)) {
-        *to = holder(name)[name].as_f64().unwrap_or(0.0);
-        if *to != 0.0 {
-            bends.push(format!("{name} {to}"));
-        }
-    }
+    let (found, bends) = coefficients(top, frame)?;
     if let Some(flag) = OTHER_LENSES.into_iter().find(|flag| is_set(&holder(flag)[*flag])) {
         return Err(format!("has `{flag}`, so it is not a pinhole camera"));
     }
@@ -201,7 +255,7 @@ fn nerfstudio(top: &Value, frame: &Value, sizes: Sizes<'_>) -> Result<Raw, Strin
         | "FULL_OPENCV" => !found.is_zero(),
         _ => return Err(format!("has the camera model `{model}`, which is not a pinhole camera")),
     };
-    let lens = [fx, fy, middle("cx", width), middle("cy", height)];
+    let lens = [fx, fy, middle("cx", width)?, middle("cy", height)?];
     let fish = fisheye || upper.contains("FISHEYE");
     let pixels = if fish { f64::INFINITY } else { found.pixels([width, height], lens) };
     let name = if fisheye { format!("{model}, `is_fisheye`") } else { model.to_owned() };
@@ -238,8 +292,9 @@ fn path_camera(top: &Value, camera: &Value, index: usize) -> Result<Raw, String>
         let number = camera["camera_to_world"][at].as_f64();
         *slot = number.ok_or("has no `camera_to_world` of 16 numbers")?;
     }
-    let angle = number(camera, "fov")?.to_radians();
-    let focal = height as f64 / 2.0 / num::f64::tan(angle / 2.0);
+    let angle = number(camera, "fov")?;
+    let focal = by_angle(angle.to_radians(), height)
+        .ok_or_else(|| format!("has the angle `fov` {angle}, which is not between 0 and 180 degrees"))?;
     Ok(Raw {
         picture: format!("{index:05}"),
         width,

@@ -1,8 +1,10 @@
 //! `load-cameras`: the cameras of a capture or of another program.
 
 mod colmap;
+mod count;
 mod dataparser;
 mod distortion;
+mod files;
 mod gltf;
 mod json;
 mod raw;
@@ -10,7 +12,6 @@ mod raw;
 mod tests;
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::io::Read;
 use std::sync::Arc;
 
 use engine::{
@@ -20,12 +21,14 @@ use engine::{
 use glam::{DMat3, DMat4};
 
 use crate::error::Error;
-use crate::io::picture;
+use crate::io::foreign::refuse_placeholder;
 use crate::types::frame::Similarity;
 use crate::types::pick::{chosen, count_of, stem};
 use crate::types::{Camera, Rig};
+use count::CAMERA_LIMIT;
 use dataparser::Dataparser;
 use distortion::{Bend, INVISIBLE_PX};
+use files::{existing, files, is_gltf, is_json, size_of, with_pictures};
 
 pub use crate::types::pick::Pick;
 use raw::Raw;
@@ -94,12 +97,9 @@ engine::outputs! {
     }
 }
 
-/// Maximum number of cameras in a file.
-const CAMERA_LIMIT: usize = 1_000_000;
-
 impl Kind for LoadCameras {
     const NAME: &'static str = "load-cameras";
-    const VERSION: u32 = 4;
+    const VERSION: u32 = 5;
     const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
     const STORE: Keep = Keep::Cheap;
     const FOLDERS: bool = true;
@@ -130,20 +130,34 @@ impl Kind for LoadCameras {
         }
         // The list of images of a binary model may fill gigabytes, but begins with their number.
         if p.pick.is_empty()
-            && let Some(count) = images_of(p, root)
+            && let Some(count) = count::images_of(&p.path, root)
         {
             return ViewCount::Known(count);
         }
-        // Reading a large model would take too long for a check of the graph.
-        const MOST_BYTES: u64 = 4 << 20;
-        let size = |file: &SourceFile| std::fs::metadata(&file.path).map_or(u64::MAX, |data| data.len());
-        let small =
-            Self::sources(p, root).is_ok_and(|files| files.iter().all(|file| size(file) <= MOST_BYTES));
+        let uncounted =
+            |why: String, hint: Option<&str>| ViewCount::Uncounted { why, hint: hint.map(str::to_owned) };
+        let bytes = match count::read_bytes(&p.path, p.dataparser.as_ref(), root) {
+            Ok(bytes) => bytes,
+            Err(error) => return uncounted(error.to_string(), error.advice()),
+        };
+        // The images of a large text are only counted.
+        if bytes > count::READ_WHOLE
+            && p.pick.is_empty()
+            && let Some(count) = count::lines_of_images(&p.path, root)
+        {
+            return ViewCount::Known(count);
+        }
+        if bytes > count::READ_MOST {
+            let why = format!(
+                "its files have more than {} MiB, too many to read before it runs",
+                count::READ_MOST >> 20
+            );
+            return uncounted(why, Some("write the number instead: `Range(0, 300)`"));
+        }
         let scene = Scene { up: Up::PlusY, metres_per_unit: 1.0, seed: 0, exhaustive: false };
-        let read = || Self::run(p, In {}, &Context::detached(scene, root.folder())).ok();
-        match small.then(read).flatten() {
-            Some((Out { rig }, _)) => ViewCount::Known(rig.cameras.len()),
-            None => ViewCount::Unknown,
+        match Self::run(p, In {}, &Context::detached(scene, root.folder())) {
+            Ok((Out { rig }, _)) => ViewCount::Known(rig.cameras.len()),
+            Err(error) => uncounted(error.to_string(), error.advice()),
         }
     }
 
@@ -198,92 +212,14 @@ impl Kind for LoadCameras {
     }
 }
 
-/// The JSON file, and the pictures that must be read because the file does not contain their sizes.
-fn with_pictures(file: SourceFile, root: &SourceRoot) -> Vec<SourceFile> {
-    let read = || if file.path.is_file() { std::fs::read(&file.path).ok() } else { None };
-    let names: BTreeSet<String> =
-        read().iter().flat_map(|bytes| json::pictures_without_size(bytes)).collect();
-    let mut files: Vec<SourceFile> = names.iter().filter_map(|name| existing(&file, name, root)).collect();
-    files.insert(0, file);
-    files
-}
-
-/// Finds the file of a picture whose path is relative to the cameras file. The path may lack the extension, as it
-/// does in the synthetic scenes of NeRF. `None` if there is no such file.
-fn existing(file: &SourceFile, picture: &str, root: &SourceRoot) -> Option<SourceFile> {
-    ["", ".png", ".jpg", ".jpeg", ".JPG", ".PNG"]
-        .iter()
-        .map(|ending| root.beside(file, &format!("{picture}{ending}")))
-        .find(|source| source.path.is_file())
-}
-
-fn is_json(path: &InputFile) -> bool {
-    path.0.to_lowercase().ends_with(".json")
-}
-
-fn is_gltf(path: &InputFile) -> bool {
-    let lower = path.0.to_lowercase();
-    lower.ends_with(".glb") || lower.ends_with(".gltf")
-}
-
-/// Number of images of a binary COLMAP model, read from the start of its file. `None` for other files, and if the
-/// number exceeds the limit on cameras.
-fn images_of(p: &LoadCameras, root: &SourceRoot) -> Option<usize> {
-    if is_json(&p.path) || is_gltf(&p.path) {
-        return None;
-    }
-    let named = files(&p.path, root).ok()?;
-    let images = named.iter().find(|file| file.0.ends_with("images.bin"))?;
-    let mut count = [0; 8];
-    std::fs::File::open(root.file(images).path).ok()?.read_exact(&mut count).ok()?;
-    usize::try_from(u64::from_le_bytes(count)).ok().filter(|count| (1..=CAMERA_LIMIT).contains(count))
-}
-
-/// Sets of files that a path may stand for if it is not the path of a JSON file, in order of preference.
-fn candidates(path: &InputFile) -> Vec<Vec<InputFile>> {
-    let folder = match path.0.rsplit_once('/') {
-        Some((folder, file)) if is_part(file) => folder,
-        None if is_part(&path.0) => ".",
-        _ => path.0.trim_end_matches('/'),
-    };
-    let file = |name: String| InputFile(format!("{folder}/{name}"));
-    let mut candidates = Vec::new();
-    for inner in ["", "sparse/0/", "sparse/"] {
-        for ending in ["bin", "txt"] {
-            candidates.push(vec![
-                file(format!("{inner}cameras.{ending}")),
-                file(format!("{inner}images.{ending}")),
-            ]);
-        }
-    }
-    candidates.extend(["transforms.json", "cameras.json"].map(|name| vec![file(name.to_owned())]));
-    candidates
-}
-
-/// The first element of [`candidates`] whose files all exist.
-fn files(path: &InputFile, root: &SourceRoot) -> Result<Vec<InputFile>, NodeError> {
-    let there = |files: &Vec<InputFile>| files.iter().all(|file| root.file(file).path.is_file());
-    candidates(path).into_iter().find(there).ok_or_else(|| unknown(path))
-}
-
-fn is_part(file: &str) -> bool {
-    matches!(file, "cameras.bin" | "images.bin" | "cameras.txt" | "images.txt")
-}
-
-fn unknown(path: &InputFile) -> NodeError {
-    NodeError::new(format!("`{}` is neither JSON nor glTF nor the folder of a COLMAP model", path.0))
-        .at("path")
-        .hint("a COLMAP model has `cameras.bin` and `images.bin`, or both as `.txt`")
-}
-
 /// The file `dataparser_transforms.json` in the folder of a `transforms.json`. `None` if there is no such file, if
 /// the parameter `dataparser` is set, or for any other cameras file. Nerfstudio's `camera_path.json` is already in
 /// the coordinates of the splats.
 fn unused_dataparser(p: &LoadCameras, root: &SourceRoot) -> Option<SourceFile> {
     let needs =
         p.dataparser.is_none() && is_json(&p.path) && p.path.0.to_lowercase().ends_with("transforms.json");
-    let beside = needs.then(|| root.beside(&root.file(&p.path), dataparser::NAME))?;
-    (beside.path.is_file() && !p.path.0.ends_with(dataparser::NAME)).then_some(beside)
+    let unused = needs.then(|| root.sibling(&root.file(&p.path), dataparser::NAME))?;
+    (unused.path.is_file() && !p.path.0.ends_with(dataparser::NAME)).then_some(unused)
 }
 
 fn read(p: &LoadCameras, cx: &Context, notes: &mut Notes) -> Result<Vec<Raw>, NodeError> {
@@ -312,7 +248,7 @@ fn read_file(
     }
     if is_json(&p.path) {
         let source = cx.source(&p.path);
-        let sizes = |picture: &str| picture::size(&existing(&source, picture, cx.root())?.path);
+        let sizes = |picture: &str| size_of(existing(&source, picture, cx.root()));
         let bytes = cx.read(&p.path)?;
         let cameras = json::read(name, &bytes, &p.list, &sizes, notes)?;
         return Ok((cameras, Some(bytes)));
@@ -320,10 +256,14 @@ fn read_file(
     let files = files(&p.path, cx.root())?;
     let first = cx.read(&files[0])?;
     let Some(second) = files.get(1) else {
-        let cameras = json::read(&files[0].0, &first, &p.list, &|_| None, notes)?;
+        let cameras = json::read(&files[0].0, &first, &p.list, &|_| size_of(None), notes)?;
         return Ok((cameras, Some(first)));
     };
-    let second = cx.read(second)?;
+    // The formats of pictures are not refused here: the number of cameras at the start of a binary file may be equal
+    // to the first bytes of a picture.
+    refuse_placeholder(&files[0].0, &first)?;
+    let (name_of_second, second) = (&second.0, cx.read(second)?);
+    refuse_placeholder(name_of_second, &second)?;
     cx.check()?;
     let binary = files[0].0.ends_with(".bin");
     let cameras =

@@ -1,3 +1,6 @@
+mod lenses;
+mod models;
+
 use super::*;
 use crate::types::pick::matches;
 use engine::{Scene, Up};
@@ -230,7 +233,14 @@ fn hostile_files_are_errors() {
     for text in [OWN, OPENGL, STUDIO, INRIA] {
         for end in 0..text.len() - 1 {
             assert!(
-                json::read("a", &text.as_bytes()[..end], "views", &|_| None, &mut Notes::none()).is_err()
+                json::read(
+                    "a",
+                    &text.as_bytes()[..end],
+                    "views",
+                    &|_| Err("is missing".to_owned()),
+                    &mut Notes::none()
+                )
+                .is_err()
             );
         }
     }
@@ -478,7 +488,7 @@ fn sizes_come_from_the_pictures() {
         largest: 255,
         codes: vec![7; width * height],
         ignored: Vec::new(),
-        linear: false,
+        colour: None,
     };
     let png = |w, h| crate::io::png::write(&raster(w, h), false, &[]).unwrap_or_else(|e| panic!("{e}"));
     let (wide, small) = (png(40, 30), png(20, 10));
@@ -494,7 +504,7 @@ fn sizes_come_from_the_pictures() {
     assert_eq!(sizes, [(40, 30), (20, 10)]);
     assert!((cameras[0].fx - 50.0).abs() < 1e-9 && (cameras[1].fx - 25.0).abs() < 1e-9);
     let error = load(&files[..2], &node("t.json")).err().map(|e| e.to_string()).unwrap_or_default();
-    assert!(error.contains("its picture `train/r_1.png` cannot be read"), "{error}");
+    assert!(error.contains("its picture `train/r_1.png` does not exist"), "{error}");
 }
 
 // nerfstudio exports splats in the coordinates of its data parser, while the cameras stay in those of the capture.
@@ -565,7 +575,7 @@ fn damaged_files_of_cameras_are_survived() {
         for whole in [OWN, OPENGL, INRIA, path, &flags] {
             let bytes = hurt(whole.as_bytes());
             json::pictures_without_size(&bytes);
-            if let Ok(cameras) = json::read("a", &bytes, "views", &|_| Some([40, 30]), &mut Notes::none()) {
+            if let Ok(cameras) = json::read("a", &bytes, "views", &|_| Ok([40, 30]), &mut Notes::none()) {
                 let p = node("a.json");
                 for camera in &cameras {
                     drop(finish(&p, camera, "a".to_owned(), &mut Notes::none()));

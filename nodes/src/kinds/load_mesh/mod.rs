@@ -12,9 +12,11 @@ use glam::DVec3;
 
 use crate::error::Error;
 use crate::io::colour_range::Range;
+use crate::io::foreign::refuse_foreign;
 use crate::io::gltf::{self, object};
 use crate::io::head;
 use crate::io::import::Foreign;
+use crate::io::mesh_format;
 use crate::math::color::linear_from_srgb;
 use crate::types::frame::{Similarity, world_from_gltf};
 use crate::types::{Mesh, Primitive};
@@ -77,7 +79,7 @@ engine::outputs! {
 
 impl Kind for LoadMesh {
     const NAME: &'static str = "load-mesh";
-    const VERSION: u32 = 6;
+    const VERSION: u32 = 7;
     const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
     const STORE: Keep = Keep::Cheap;
     type Params = Self;
@@ -123,6 +125,10 @@ impl Kind for LoadMesh {
         let mut raw = if of_gltf {
             from_gltf(p, &bytes, cx, &mut notes)?
         } else {
+            refuse_foreign(name, &bytes)?;
+            if let Some(format) = mesh_format::of(name, &bytes).filter(|format| *format != "PLY") {
+                return Err(mesh_format::refused(name, format, "PLY, glTF, OBJ or STL").into());
+            }
             from_ply(name, &bytes, cx, &mut notes)?
         };
         cx.progress(0.7);

@@ -46,6 +46,20 @@ fn binary(big: bool) -> Vec<u8> {
     bytes
 }
 
+// Headers whose lines end with carriage returns only, and a comment in Latin-1.
+#[test]
+fn headers_with_other_line_ends_and_encodings_are_read() {
+    let (wanted, _) = good(&ascii());
+    for bytes in [ascii(), binary(false), binary(true)] {
+        let end = bytes.windows(11).position(|at| at == b"end_header\n").unwrap_or_default() + 11;
+        let mut changed = bytes.clone();
+        changed[..end].iter_mut().filter(|byte| **byte == b'\n').for_each(|byte| *byte = b'\r');
+        assert_eq!(good(&changed).0, wanted);
+        let latin = [&bytes[..4], b"comment cl\xe9ment\n", &bytes[4..]].concat();
+        assert_eq!(good(&latin).0, wanted);
+    }
+}
+
 /// A triangle with the given material, and optionally with vertex colours.
 fn triangle(material: &str, colours: Option<[f32; 3]>) -> Vec<u8> {
     let mut floats = vec![0.0_f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
@@ -239,6 +253,41 @@ fn no_cut_or_flip_panics_and_every_cut_is_an_error() {
     assert!(load(points.as_bytes(), &plain()).is_err());
     let far = String::from_utf8(ascii()).unwrap_or_default().replace("4 0 1 2 3", "4 0 1 2 4");
     assert!(load(far.as_bytes(), &plain()).is_err());
+}
+
+// Files of other programs are named with what to do, under any name.
+#[test]
+fn other_formats_are_named() {
+    for (name, bytes, says) in [
+        ("a.fbx", &b"Kaydara FBX Binary  \0\x1a\0"[..], "FBX"),
+        ("a.dae", b"<?xml version=\"1.0\"?><COLLADA>", "COLLADA"),
+        ("a.abc", b"Ogawa\xff", "Alembic"),
+        ("a.usdc", b"PXR-USDC\0", "USD"),
+        ("a.blend", b"BLENDER_v300", "Blender"),
+        ("a.ply", b"BLENDER_v300", "Blender"),
+        ("a.glb", b"glTF\x01\0\0\0\x14\0\0\0", "glTF 2.0"),
+        ("a.gltf", b"{\"asset\": {\"version\": \"1.0\"}}", "glTF 2.0"),
+        ("a.bin", b"glTF\x02\0\0\0", "`.glb` or `.gltf`"),
+        ("a.bin", b"solid a\nfacet normal 0 0 1", "`.stl`"),
+        ("a.ply", b"version https://git-lfs.github.com/spec/v1\n", "git lfs pull"),
+    ] {
+        let p = LoadMesh { path: InputFile(name.into()), ..plain() };
+        let error = load(bytes, &p).err().map(|e| e.to_string()).unwrap_or_default();
+        assert!(error.contains(says) && !error.contains("not a PLY file"), "{name}: {error}");
+    }
+}
+
+// Vertex colours of glTF as floats to 255.
+#[test]
+fn colours_of_gltf_to_255_are_scaled() {
+    let colour = |rgb: [f32; 3]| {
+        let p = LoadMesh { path: InputFile("a.glb".into()), ..plain() };
+        let (mesh, notes) = load(&triangle("{}", Some(rgb)), &p).unwrap_or_else(|e| panic!("{e}"));
+        (mesh.colours[0], notes.iter().any(|note| note.id == "colour-range"))
+    };
+    assert_eq!(colour([255.0, 51.0, 0.0]), ([1.0, (51.0_f64 / 255.0) as f32, 0.0], true));
+    assert_eq!(colour([1.0, 0.2, 0.0]), ([1.0, 0.2, 0.0], false));
+    assert_eq!(colour([1000.0, 0.0, 0.0]), ([1.0, 0.0, 0.0], false), "another range");
 }
 
 // Photogrammetry programs write floats up to 255. In an earlier version they became white.

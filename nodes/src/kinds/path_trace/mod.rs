@@ -139,7 +139,7 @@ impl PathTrace {
 
 impl Kind for PathTrace {
     const NAME: &'static str = "path-trace";
-    const VERSION: u32 = 22;
+    const VERSION: u32 = 23;
     const READS: &'static [ContextField] =
         &[ContextField::Exhaustive, ContextField::MetresPerUnit, ContextField::Seed, ContextField::Up];
     const PREVIEW: engine::Preview =
@@ -227,9 +227,14 @@ impl Kind for PathTrace {
         let traced = |(number, camera)| tracing.picture(number, camera);
         let views = cameras.iter().enumerate().map(traced).collect::<Result<Vec<_>, _>>()?;
         let boxes = objects.boxes();
-        report_views(params, cameras, &prepared, rules, (&views, &boxes), &mut notes);
         // A coarse preview may miss small objects.
         let looks = params.coarse_px == 1 && !params.shadow_only;
+        let backs = |(camera, view): (_, &FinishedView)| match looks && !view.shows_objects() {
+            true => unseen::shows_backs(&tracing, camera),
+            false => Ok(false),
+        };
+        let backs = cameras.iter().zip(&views).map(backs).collect::<Result<Vec<_>, _>>()?;
+        report_views(params, cameras, &prepared, rules, (&views, &boxes, &backs), &mut notes);
         if looks && inputs.objects.len() > 1 && views.iter().any(FinishedView::shows_objects) {
             report_unseen(&unseen::of(&tracing, &views)?, &mut notes);
         }

@@ -7,7 +7,7 @@ use super::interface::PathTrace;
 use super::scale::{short, why_not_seen};
 use super::unseen::Unseen;
 use crate::geometry::bvh::Ray;
-use crate::geometry::support::Level;
+use crate::geometry::support::GroundPlane;
 use crate::render::transport::ground::capture_point::{CaptureFault, NEAREST};
 use crate::render::transport::ground::embedded::Embedded;
 use crate::render::transport::ground::limits::LARGEST;
@@ -150,7 +150,7 @@ pub(crate) fn report_views(
     cameras: &[Camera],
     prepared: &PreparedScene<'_>,
     rules: &Rules,
-    (views, boxes): (&[FinishedView], &[Aabb]),
+    (views, boxes, backs): (&[FinishedView], &[Aabb], &[bool]),
     notes: &mut Notes,
 ) {
     let most = params.most();
@@ -161,12 +161,13 @@ pub(crate) fn report_views(
     report_variance(most, views.iter().map(|view| view.beyond).sum(), notes);
     // A coarse preview may miss small objects.
     let looks = params.coarse_px == 1 && !params.shadow_only;
-    for (camera, view) in cameras.iter().zip(views) {
+    for ((camera, view), backs) in cameras.iter().zip(views).zip(backs) {
         if let Some(reached) = &view.reached {
             report_plan(&camera.name, reached, most, notes);
         }
         report_cropped(&camera.name, view.cropped, notes);
         report_cut_paths(&camera.name, view.cut, params.max_bounces, notes);
+        report_backs(&camera.name, view.behind, notes);
         if looks && view.shows_objects() {
             let found = holes(&view.depth);
             let share = 100.0 * found as f64 / view.depth.samples.len().max(1) as f64;
@@ -179,7 +180,7 @@ pub(crate) fn report_views(
         report_darkness(view, &camera.name, prepared.sky().power, rules, notes);
         if !boxes.is_empty() && looks && !view.shows_objects() {
             let eye = in_scene_frame(camera.eye(), prepared.origin);
-            notes.warning("objects-not-seen", why_not_seen(&camera.name, eye, boxes));
+            notes.warning("objects-not-seen", why_not_seen(&camera.name, eye, boxes, *backs));
         }
     }
 }
@@ -256,7 +257,7 @@ fn report_embedded(embedded: &[Option<Embedded>], metres_per_unit: f64, notes: &
 /// or reach into it. `tall` contains the heights of the objects in world units. Offsets within `contact_metres` are
 /// not reported.
 fn report_contact(
-    measured: &[Option<Level>],
+    measured: &[Option<GroundPlane>],
     carried: &[bool],
     tall: &[f64],
     (metres_per_unit, contact_metres): (f64, Option<f64>),
@@ -266,7 +267,7 @@ fn report_contact(
     let millimetres = |v: f64| (v * metres_per_unit * 1e4).round() / 10.0 + 0.0;
     let mut on_it = Vec::new();
     for (index, level) in measured.iter().enumerate() {
-        let Some(Level { height, roughness, .. }) = *level else { continue };
+        let Some(GroundPlane { height, roughness, .. }) = *level else { continue };
         if height.abs() * metres_per_unit <= contact_metres.unwrap_or(0.0).max(LARGEST) {
             let (offset, roughness) = (millimetres(height), millimetres(roughness));
             on_it.push(format!(
@@ -283,7 +284,7 @@ fn report_contact(
 }
 
 /// Reports objects that rest on the receiver by a side other than the foot.
-fn report_sides<'a>(sides: impl Iterator<Item = &'a [Level]>, metres_per_unit: f64, notes: &mut Notes) {
+fn report_sides<'a>(sides: impl Iterator<Item = &'a [GroundPlane]>, metres_per_unit: f64, notes: &mut Notes) {
     let millimetres = |v: f64| (v * metres_per_unit * 1e4).round() / 10.0 + 0.0;
     let named: Vec<String> = sides
         .enumerate()
@@ -416,6 +417,19 @@ fn report_cut_paths(view: &str, share: f64, max_bounces: u32, notes: &mut Notes)
             100.0 * share
         );
         notes.warning("paths-cut", format!("{text}; raise `max_bounces`"));
+    }
+}
+
+/// Warns of objects that are dark since the camera looks through the backs of their faces.
+fn report_backs(view: &str, share: f64, notes: &mut Notes) {
+    if share > 0.01 {
+        let text = format!(
+            "`{view}`: {:.0} % of the samples of objects are dark and lie behind faces that are invisible from behind, since \
+             their material is single-sided; the object may be inside out",
+            100.0 * share
+        );
+        let hint = "reverse its faces in the program that made it, or make the material double-sided";
+        notes.warning("faces-from-behind", format!("{text}; {hint}"));
     }
 }
 

@@ -29,12 +29,19 @@ pub(crate) fn report_size(receiver: &Receiver, boxes: &[Aabb], metres_per_unit: 
     }
 }
 
-/// Likely reason why a camera sees none of the objects, derived from their bounding boxes.
-pub(crate) fn why_not_seen(camera: &str, eye: Vec3, boxes: &[Aabb]) -> String {
+/// Likely reason why a camera sees none of the objects, derived from their bounding boxes. `backs` is true if the
+/// camera looks at the backs of their faces.
+pub(crate) fn why_not_seen(camera: &str, eye: Vec3, boxes: &[Aabb], backs: bool) -> String {
     if let Some(around) = boxes.iter().position(|one| one.holds(eye)) {
         return format!(
             "`{camera}` is inside the bounding box of object {around} and sees no object, since single-sided surfaces are invisible \
              from behind; check the size of the object and the position of the camera"
+        );
+    }
+    if backs {
+        return format!(
+            "`{camera}` sees objects only from behind, where the faces of single-sided materials are invisible; turn the object, \
+             reverse its faces in the program that made it, or make the material double-sided"
         );
     }
     let mut all: Vec<_> = boxes
@@ -99,13 +106,16 @@ mod tests {
     #[test]
     fn a_camera_that_sees_nothing_is_reported_where_the_objects_are() {
         let boxes = [cube(9.0, 1.0), Aabb::EMPTY, cube(5.0, 1.0)];
-        let text = why_not_seen("a", Vec3::new(5.0, 5.0, 2.0), &boxes);
+        let text = why_not_seen("a", Vec3::new(5.0, 5.0, 2.0), &boxes, false);
         assert!(
             text.starts_with("`a` sees no object; object 2 (3.46 units large) is 2.00 units away;"),
             "{text}"
         );
-        let text = why_not_seen("a", Vec3::splat(8.5), &boxes);
+        let text = why_not_seen("a", Vec3::splat(8.5), &boxes, true);
         assert!(text.starts_with("`a` is inside the bounding box of object 0"), "{text}");
-        assert!(why_not_seen("a", Vec3::ZERO, &[Aabb::EMPTY]).starts_with("`a` sees no object; check"));
+        let text = why_not_seen("a", Vec3::ZERO, &boxes, true);
+        assert!(text.starts_with("`a` sees objects only from behind"), "{text}");
+        let text = why_not_seen("a", Vec3::ZERO, &[Aabb::EMPTY], false);
+        assert!(text.starts_with("`a` sees no object; check"), "{text}");
     }
 }

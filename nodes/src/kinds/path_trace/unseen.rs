@@ -9,6 +9,7 @@ use crate::render::transport::picture::accumulator::FinishedView;
 use crate::render::transport::picture::camera_rays::CameraRays;
 use crate::render::transport::picture::film::{Area, TILE};
 use crate::render::transport::picture::first_hit::is_before;
+use crate::types::Camera;
 
 /// Reason why no view shows an object.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -27,6 +28,23 @@ pub(crate) fn of(tracing: &Tracing<'_>, views: &[FinishedView]) -> Result<Vec<Op
     let scene = tracing.scene();
     let count = scene.objects.placed().len();
     (0..count).map(|index| unseen(scene, &pictures, tracing.places(), index, tracing.cx)).collect()
+}
+
+/// True if a camera, which shows no object, looks at the backs of faces that are invisible from behind.
+pub(crate) fn shows_backs(tracing: &Tracing<'_>, camera: &Camera) -> Result<bool, NodeError> {
+    let (scene, camera_rays) = (tracing.scene(), tracing.camera_rays(camera, 1));
+    let objects = scene.objects;
+    for piece in Area::whole(camera).pieces(TILE) {
+        tracing.cx.check()?;
+        for pixel in piece.each().filter(|&pixel| camera_rays.may_show(objects, pixel)) {
+            let (.., ray) = camera_rays.sample(pixel, 0);
+            let back = objects.bvh.closest(ray, |hit| objects.is_hidden_back(hit));
+            if back.is_some_and(|hit| is_before(&scene, &camera_rays, ray, &hit, scene.camera_hit(ray))) {
+                return Ok(true);
+            }
+        }
+    }
+    Ok(false)
 }
 
 /// Reason why no view shows an object. `None` if a view shows it.

@@ -11,6 +11,7 @@ use super::method::Method;
 use super::photographs::Photographs;
 use super::reporting::{report_coarse, report_nothing_clipped, report_unseen};
 use super::{manual, network, region, sun};
+use crate::io::foreign::refuse_placeholder;
 use crate::light::energy_table::EnergyTable;
 use crate::light::linear::LinearPixels;
 use crate::types::{Panorama, Picture};
@@ -208,7 +209,10 @@ fn learned(
         return Ok(None);
     }
     let parsed = match &params.weights {
-        Some(file) => network::parse(&file.0, &cx.read(file)?),
+        Some(file) => {
+            let bytes = cx.read(file)?;
+            refuse_placeholder(&file.0, &bytes).and_then(|()| network::parse(&file.0, &bytes))
+        }
         None => network::parse(network::FILE, network::WEIGHTS),
     };
     Ok(Some(parsed.map_err(|error| NodeError::from(error).at("weights"))?))

@@ -136,7 +136,7 @@ pub fn train(
     plan: &LoraPlan,
     out: &Path,
     stopped: &dyn Fn() -> bool,
-    tell: &mut dyn FnMut(LoraProgress),
+    on_progress: &mut dyn FnMut(LoraProgress),
 ) -> Result<bool, Error> {
     let flux = |error: Flux| Error::Mismatch(error.to_string());
     let files = Files {
@@ -183,7 +183,7 @@ pub fn train(
     let mut watch = Stoppable(stopped);
     let mut pairs: Vec<Pair> = Vec::new();
     for (i, path) in panoramas.iter().enumerate() {
-        tell(LoraProgress::Pairs(i, panoramas.len()));
+        on_progress(LoraProgress::Pairs(i, panoramas.len()));
         let pixels = read(path)?;
         let zero = exposure(&pixels);
         for ev in FROM {
@@ -201,7 +201,7 @@ pub fn train(
     while trainer.done() < plan.steps {
         let next = trainer.next(pairs.len());
         match trainer.step(&pairs[next], &mut watch) {
-            Ok(loss) => tell(LoraProgress::Step(trainer.done(), plan.steps, loss)),
+            Ok(loss) => on_progress(LoraProgress::Step(trainer.done(), plan.steps, loss)),
             Err(Flux::Stopped) => {
                 trainer.save_state(&state, &learned_from).map_err(flux)?;
                 return Ok(false);

@@ -45,11 +45,11 @@ fn run_by(method: Method, pano: Arc<Panorama>, evs: &[f64]) -> (Arc<Brackets>, N
 // Neither the grid nor the distribution of light changes the total light or the light of a lamp by more than
 // rounding and the edges of pixels. This test fails if hidden light is recorded without `/ grid.solid_angle(..)`.
 #[test]
-fn the_books_of_a_prediction_agree() {
+fn the_sums_of_a_prediction_agree() {
     let params = PredictExposure { evs: vec![-3.0], method: Method::Learned, white: CLIPPED, weights: None };
     let (out, _) = PredictExposure::run(&params, In { pano: room(512) }, &cx()).expect("runs");
-    let steps = out.report.tables.iter().find(|table| table.name == "steps").expect("has books");
-    assert_eq!(steps.columns, ["", "panorama", "on the grid", "predicted on the grid", "predicted"]);
+    let steps = out.report.tables.iter().find(|table| table.name == "steps").expect("has the table");
+    assert_eq!(steps.columns, ["quantity", "panorama", "on the grid", "predicted on the grid", "predicted"]);
     assert_eq!(steps.rows.len(), 3 + 2, "a window and a lamp");
     for (i, within) in [(0, 1e-3), (3, 0.03), (4, 0.03)] {
         let number = |cell: &Cell| if let Cell::Number(v) = cell { *v } else { panic!("a number") };

@@ -209,7 +209,7 @@ impl Kind for ShadowRatio {
             let text = format!("`form: Difference` has no ratio and ignores {idle}; use `lambda`");
             notes.warning("no-ratio", text);
         }
-        tally.tell(params.s_max, &mut notes);
+        tally.report(params.s_max, &mut notes);
         Ok((Out { shadow: Arc::new(Images(shadows)), added: Arc::new(Images(lights)) }, notes))
     }
 }

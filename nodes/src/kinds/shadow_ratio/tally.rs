@@ -39,7 +39,7 @@ impl Tally {
     }
 
     /// Adds notes on samples that were left out, with their share of all samples.
-    pub(super) fn tell(&self, s_max: f64, notes: &mut Notes) {
+    pub(super) fn report(&self, s_max: f64, notes: &mut Notes) {
         if self.broken > 0 {
             notes.warning(
                 "not-finite",

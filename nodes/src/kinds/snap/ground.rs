@@ -10,7 +10,7 @@ use crate::types::Mesh;
 /// Minimum cosine of the angle between the normal of the ground and up.
 pub(super) const STEEPEST: f64 = 0.7;
 /// Number of columns and of rows of the grid of rays.
-const GRID: u32 = 24;
+pub(super) const GRID: u32 = 24;
 /// Maximum thickness of a shell of ground, in metres. Rooms are higher: if the normals of a room point outwards,
 /// its floor faces down and its ceiling is the next surface that faces up.
 const SHELL: f64 = 2.0;

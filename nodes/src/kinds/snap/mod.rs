@@ -2,19 +2,21 @@
 
 mod ground;
 mod level_search;
+mod splat_ground;
 
 use std::sync::Arc;
 
 use engine::{Context, ContextField, Keep, Kind, NodeError, Notes};
-use glam::{DMat4, DQuat, DVec3};
+use glam::{DMat4, DQuat};
 
 use crate::geometry::resting::Relief;
-use crate::geometry::support::{Foot, Level, triangles};
+use crate::geometry::support::{Foot, GroundPlane, triangles};
 use crate::math::equirect::axes;
 use crate::types::frame::world_from_gltf;
 use crate::types::{Cell, Mesh, Object, Placed, Pose, Report, Splats, Table};
 use ground::Ground;
 use level_search::bearing;
+use splat_ground::on_splats;
 
 engine::params! {
     /// Moves a pose up or down so that the object stands on the mesh of the scene, or on its splats.
@@ -47,7 +49,8 @@ engine::inputs! {
         pose: Arc<Pose>,
         /// Mesh of the scene; give this or `splats`.
         mesh: Option<Arc<Mesh>>,
-        /// Splats of the scene, whose centres are used; give this or `mesh`.
+        /// Splats of the scene; give this or `mesh`. Of each, the height is used at which it is densest along
+        /// vertical lines through the foot.
         splats: Option<Arc<Splats>>,
     }
 }
@@ -63,8 +66,6 @@ engine::outputs! {
 
 /// Maximum distance above or below a plane of the points that belong to it, in metres.
 const NEAR: f64 = 0.02;
-/// Minimum opacity of splats that count as ground.
-const OPAQUE: f32 = 0.3;
 /// Distance within which the nearest ground is searched for, in metres, to name it in an error message. It is the
 /// largest value of `reach_metres`.
 const FAR: f64 = 100.0;
@@ -102,7 +103,7 @@ impl Kind for Snap {
         };
         // The foot itself, without the margin around it.
         let half = Foot::axes(up).map(|axis| foot.half.dot(axis.abs()) / 1.5);
-        let Some(level) = Level::of(&bearing(&points, half, NEAR * metre, cx)?) else {
+        let Some(level) = GroundPlane::of(&bearing(&points, half, NEAR * metre, cx)?) else {
             let far = FAR * metre;
             let points = match (&felt, &inputs.splats) {
                 // Steep surfaces are not ground.
@@ -203,19 +204,6 @@ fn none_near(reach: f64, below: f64, nearest: Option<f64>) -> NodeError {
     NodeError::new(format!("there is no ground within {reach} m of the object's foot{foot}; {what}"))
         .at("pose")
         .hint(hint)
-}
-
-/// Centres of opaque splats above and below the foot, in the coordinates of [`ground::Columns`].
-fn on_splats(splats: &Splats, foot: &Foot, up: DVec3, reach: f64) -> Vec<[f64; 3]> {
-    let axes = Foot::axes(up);
-    let point = |i: usize| {
-        let mean = splats.mean(i);
-        let [x, y] = axes.map(|axis| (mean - foot.middle).dot(axis));
-        let height = mean.dot(up) - foot.base;
-        let inside = x.abs() <= foot.half.dot(axes[0].abs()) && y.abs() <= foot.half.dot(axes[1].abs());
-        (inside && height.abs() <= reach && splats.opacities[i] >= OPAQUE).then_some([x, y, height])
-    };
-    (0..splats.len()).filter_map(point).collect()
 }
 
 #[cfg(test)]

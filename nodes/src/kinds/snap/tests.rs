@@ -1,3 +1,5 @@
+use glam::DVec3;
+
 use super::*;
 use crate::testing::context;
 use crate::types::Primitive;
@@ -305,4 +307,32 @@ fn splats_hold_objects_too() {
     }
     let pose = run(None, Some(splats), 0.0, false).unwrap_or_else(|e| panic!("{e}"));
     assert!((pose.w_axis.z - 0.2).abs() < 0.005, "{pose}");
+}
+
+/// A ramp of splats that are larger than the object: no centre lies below the foot, and the object stands on the
+/// ramp. This test fails if only centres count.
+#[test]
+fn splats_larger_than_the_foot_are_ground() {
+    let normal = glam::Vec3::new(-0.2, 0.0, 1.0).normalize();
+    let q = glam::Quat::from_rotation_arc(glam::Vec3::Z, normal);
+    let mut splats = Splats::empty();
+    for i in 0..16 {
+        let (x, y) = ((i % 4) as f32 * 1.2 - 1.8, (i / 4) as f32 * 1.2 - 1.8);
+        splats.means.push([x, y, 0.4 + 0.2 * x]);
+        splats.scales.push([0.9, 0.9, 0.001]);
+        splats.quats.push([q.w, q.x, q.y, q.z]);
+        splats.opacities.push(0.9);
+        splats.sh.push([0.0; 3]);
+    }
+    // A wall nearby is not ground.
+    for i in 0..40 {
+        splats.means.push([0.45, (i % 8) as f32 * 0.1 - 0.3, (i / 8) as f32 * 0.1 + 0.3]);
+        splats.scales.push([0.001, 0.08, 0.08]);
+        splats.quats.push([1.0, 0.0, 0.0, 0.0]);
+        splats.opacities.push(0.9);
+        splats.sh.push([0.0; 3]);
+    }
+    let pose = run(None, Some(splats), 0.2, false).unwrap_or_else(|e| panic!("{e}"));
+    let foot = pose.w_axis.truncate();
+    assert!((foot.z - 0.4 - 0.2 * foot.x).abs() < 0.002, "{foot}");
 }

@@ -92,17 +92,17 @@ mod tests {
         let weights = Weights::parse("w", &bytes).expect("parses");
         let conv = weights.conv("a", Some(1), 1, 0).expect("is one");
         assert_eq!((conv.shape, conv.weight, conv.bias), ([2, 1, 1, 1], vec![1.5, -0.25], vec![]));
-        let said = |result: Result<Conv, Error>| result.map(|_| ()).expect_err("is wrong").to_string();
-        assert_eq!(said(weights.conv("b", None, 1, 0)), "`w`: tensor `b.weight` is missing");
+        let message = |result: Result<Conv, Error>| result.map(|_| ()).expect_err("is wrong").to_string();
+        assert_eq!(message(weights.conv("b", None, 1, 0)), "`w`: tensor `b.weight` is missing");
         let what =
             "`w`: tensor `a.weight` has shape [2, 1, 1, 1]; a convolution with 3 input channels is expected";
-        assert_eq!(said(weights.conv("a", Some(3), 1, 0)), what);
+        assert_eq!(message(weights.conv("a", Some(3), 1, 0)), what);
         let bytes = file(Dtype::F32, vec![1], &f32::NAN.to_le_bytes());
         let weights = Weights::parse("w", &bytes).expect("parses");
-        assert_eq!(said(weights.conv("a", None, 1, 0)), "`w`: tensor `a.weight` contains NaN at index 0");
+        assert_eq!(message(weights.conv("a", None, 1, 0)), "`w`: tensor `a.weight` contains NaN at index 0");
         let bytes = file(Dtype::U8, vec![4], &[0; 4]);
         let weights = Weights::parse("w", &bytes).expect("parses");
-        assert!(said(weights.conv("a", None, 1, 0)).contains("U8"));
+        assert!(message(weights.conv("a", None, 1, 0)).contains("U8"));
         for cut in 0..bytes.len() {
             assert!(Weights::parse("w", &bytes[..cut]).is_err());
         }

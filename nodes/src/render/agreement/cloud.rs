@@ -40,6 +40,11 @@ pub(super) struct Placed<'a> {
 impl Cloud {
     /// Samples points on a mesh. Returns `None` if the mesh has no area.
     pub fn of(mesh: &Mesh) -> Option<Self> {
+        Self::with(mesh, POINTS)
+    }
+
+    /// Samples about `count` points. `None` if the mesh has no area.
+    pub fn with(mesh: &Mesh, count: usize) -> Option<Self> {
         let corners = |triangle: &[u32; 3]| triangle.map(|i| mesh.position(i));
         let cross = |[a, b, c]: [DVec3; 3]| (b - a).cross(c - a);
         let mut sums = Vec::with_capacity(mesh.triangles.len());
@@ -52,10 +57,10 @@ impl Cloud {
         if !(area > 0.0 && area.is_finite()) {
             return None;
         }
-        let mut points = Vec::with_capacity(POINTS);
+        let mut points = Vec::with_capacity(count);
         let mut at = 0;
-        for i in 0..POINTS {
-            let wanted = (i as f64 + 0.5) / POINTS as f64 * area;
+        for i in 0..count {
+            let wanted = (i as f64 + 0.5) / count as f64 * area;
             while at + 1 < sums.len() && sums[at] < wanted {
                 at += 1;
             }
@@ -71,6 +76,12 @@ impl Cloud {
                 points.push((point, normal));
             }
         }
+        let spacing = (area / points.len().max(1) as f64).sqrt();
+        Some(Self { spacing, ..Self::of_points(points)? })
+    }
+
+    /// Sorts points with their normals. The spacing is 0. Returns `None` if there are no points.
+    pub fn of_points(mut points: Vec<(DVec3, DVec3)>) -> Option<Self> {
         if points.is_empty() {
             return None;
         }
@@ -80,7 +91,7 @@ impl Cloud {
         let mut planes = vec![(0, 0.0); points.len()];
         let bounds = bounds(&points);
         divide(&mut points, &mut planes);
-        Some(Self { spacing: (area / points.len() as f64).sqrt(), points, planes, bounds, middle, radius })
+        Some(Self { spacing: 0.0, points, planes, bounds, middle, radius })
     }
 
     /// Lower and upper corner of a box that contains nearly all points. About one point in 2000 lies beyond each

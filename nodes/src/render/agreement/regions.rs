@@ -30,7 +30,7 @@ pub struct Regions {
 }
 
 /// A connected part of one view in which splats and mesh disagree.
-struct Part {
+struct Component {
     pixels: Vec<usize>,
     /// Number of pixels of the part whose eight neighbours are also in the part.
     inner: usize,
@@ -39,10 +39,10 @@ struct Part {
 
 /// Connected parts of the marked pixels of a view. Two neighbouring pixels are connected if their depths are
 /// similar.
-fn parts(sight: &Sight, index: usize, marked: &[bool], depth: &[f64]) -> Vec<Part> {
+fn parts(sight: &Sight, index: usize, marked: &[bool], depth: &[f64]) -> Vec<Component> {
     let (width, height) = sight.size();
     let mut label = vec![usize::MAX; marked.len()];
-    let mut found: Vec<Part> = Vec::new();
+    let mut found: Vec<Component> = Vec::new();
     for start in 0..marked.len() {
         if !marked[start] || label[start] != usize::MAX {
             continue;
@@ -68,7 +68,7 @@ fn parts(sight: &Sight, index: usize, marked: &[bool], depth: &[f64]) -> Vec<Par
             within && (0..9).all(|k| label[pixel + (k % 3) + (k / 3) * width - width - 1] == number)
         };
         let inner = pixels.iter().filter(inside).count();
-        found.push(Part { pixels, inner, sight: index });
+        found.push(Component { pixels, inner, sight: index });
     }
     found
 }
@@ -86,7 +86,7 @@ fn neighbours(pixel: usize, width: usize, height: usize) -> [Option<usize>; 4] {
 
 /// Summarizes the parts: finds the view in which the parts cover the largest share of the pixels, and the largest
 /// part in this view. All views around the objects count as one view.
-fn summary(sights: &[Sight], parts: &[Part], depths: impl Fn(usize, usize) -> f64) -> Regions {
+fn summary(sights: &[Sight], parts: &[Component], depths: impl Fn(usize, usize) -> f64) -> Regions {
     let mut best = Regions::default();
     let mut groups: Vec<Vec<usize>> =
         (0..sights.len()).filter(|&i| sights[i].wanted).map(|index| vec![index]).collect();
@@ -108,10 +108,24 @@ fn summary(sights: &[Sight], parts: &[Part], depths: impl Fn(usize, usize) -> f6
     best
 }
 
+/// True for each pixel of each view that belongs to one of the parts.
+fn pixels(sights: &[Sight], parts: &[Component]) -> Vec<Vec<bool>> {
+    let mut marked: Vec<Vec<bool>> = sights.iter().map(|sight| vec![false; sight.depth.len()]).collect();
+    for part in parts {
+        part.pixels.iter().for_each(|&pixel| marked[part.sight][pixel] = true);
+    }
+    marked
+}
+
 /// Finds parts of the mesh that float in front of the surfaces that the splats show: along most of their outline,
 /// the mesh next to them is farther away. A part that closes a window or a hole of the capture does not float,
-/// since it is connected to its surroundings.
-pub(super) fn debris(sights: &[Sight], depths: &[Vec<f64>], spots: &Spots, tolerance: f64) -> Regions {
+/// since it is connected to its surroundings. Also returns, for each view, the pixels of these parts.
+pub(super) fn debris(
+    sights: &[Sight],
+    depths: &[Vec<f64>],
+    spots: &Spots,
+    tolerance: f64,
+) -> (Regions, Vec<Vec<bool>>) {
     let mut floating = Vec::new();
     for (index, (sight, mesh)) in sights.iter().zip(depths).enumerate() {
         let in_front = |pixel: usize| {
@@ -143,18 +157,18 @@ pub(super) fn debris(sights: &[Sight], depths: &[Vec<f64>], spots: &Spots, toler
             }
         }
     }
-    summary(sights, &floating, |sight, pixel| depths[sight][pixel])
+    (summary(sights, &floating, |sight, pixel| depths[sight][pixel]), pixels(sights, &floating))
 }
 
 /// Finds surfaces of the splats within the bounding box `[low, high]` of the mesh where the mesh has no surface or
-/// only a surface farther from the eye.
+/// only a surface farther from the eye. Also returns, for each view, the pixels of these surfaces.
 pub(super) fn missing(
     sights: &[Sight],
     depths: &[Vec<f64>],
     spots: &Spots,
     [low, high]: [DVec3; 2],
     tolerance: f64,
-) -> Regions {
+) -> (Regions, Vec<Vec<bool>>) {
     let mut lacking = Vec::new();
     let mut usable: Vec<Vec<bool>> = sights.iter().map(|sight| vec![false; sight.depth.len()]).collect();
     spots.list.iter().for_each(|spot| usable[spot.sight][spot.pixel] = true);
@@ -179,5 +193,5 @@ pub(super) fn missing(
         // Parts with few inner pixels are edges or thin, and are ignored.
         lacking.extend(own.into_iter().filter(|part| part.inner * 3 >= part.pixels.len()));
     }
-    summary(sights, &lacking, |sight, pixel| sights[sight].depth[pixel])
+    (summary(sights, &lacking, |sight, pixel| sights[sight].depth[pixel]), pixels(sights, &lacking))
 }

@@ -182,15 +182,10 @@ impl Spots {
     /// if there are no opaque splats.
     pub fn of_centres(splats: &Splats) -> Option<Self> {
         let step = (splats.len() / MEASURED).max(1);
-        let seen = (0..splats.len()).step_by(step).filter(|&i| splats.opacities[i] >= OPAQUE);
-        let mut list: Vec<Spot> = seen
-            .map(|i| {
-                let scale = splats.scales[i];
-                let thin = (1..3).fold(0, |best, k| if scale[k] < scale[best] { k } else { best });
-                let flat = 2.5 * scale[thin] < scale[(thin + 1) % 3].min(scale[(thin + 2) % 3]);
-                let normal = flat.then(|| level::rotation(splats.quats[i]).col(thin));
-                let (point, sight) = (splats.mean(i), usize::MAX);
-                Spot { point, normal, tolerance: 0.0, weight: AT_EDGE, sight, pixel: 0 }
+        let mut list: Vec<Spot> = centres(splats, step)
+            .map(|(point, normal)| {
+                let (sight, pixel) = (usize::MAX, 0);
+                Spot { point, normal, tolerance: 0.0, weight: AT_EDGE, sight, pixel }
             })
             .collect();
         let (middle, radius) = extent(&list)?;
@@ -200,6 +195,37 @@ impl Spots {
         balance(&mut list);
         (radius > 0.0).then_some(Self { list, distance: radius, middle, radius, grain: 0.0 })
     }
+
+    /// Lower and upper corner of a box that contains nearly all points. About one point in 200 lies beyond each side.
+    pub fn extents(&self) -> [DVec3; 2] {
+        let beyond = self.list.len() / 200;
+        let bounds = [0, 1, 2].map(|axis| {
+            let mut along: Vec<f64> = self.list.iter().map(|spot| spot.point[axis]).collect();
+            along.sort_unstable_by(f64::total_cmp);
+            [along[beyond], along[along.len() - 1 - beyond]]
+        });
+        [0, 1].map(|side| DVec3::from_array(bounds.map(|bound| bound[side])))
+    }
+
+    /// Centres and normals of up to 24,000 opaque splats within the distance of the points of
+    /// [`of_centres`](Self::of_centres) from `middle`. The normal is 0 if the splat is not flat.
+    pub fn centres(splats: &Splats, middle: DVec3, radius: f64) -> Vec<(DVec3, DVec3)> {
+        let step = (splats.len() / (6 * MEASURED)).max(1);
+        let near = |point: DVec3| (point - middle).length() <= 0.5 * BACKDROP * radius;
+        let all = centres(splats, step).filter(|(point, _)| near(*point));
+        all.map(|(point, normal)| (point, normal.unwrap_or(DVec3::ZERO))).collect()
+    }
+}
+
+/// Centre of every `step`-th splat that is opaque, and its normal if it is flat.
+fn centres(splats: &Splats, step: usize) -> impl Iterator<Item = (DVec3, Option<DVec3>)> + '_ {
+    let seen = (0..splats.len()).step_by(step).filter(|&i| splats.opacities[i] >= OPAQUE);
+    seen.map(|i| {
+        let scale = splats.scales[i];
+        let thin = (1..3).fold(0, |best, k| if scale[k] < scale[best] { k } else { best });
+        let flat = 2.5 * scale[thin] < scale[(thin + 1) % 3].min(scale[(thin + 2) % 3]);
+        (splats.mean(i), flat.then(|| level::rotation(splats.quats[i]).col(thin)))
+    })
 }
 
 /// Agreement of the depths of a mesh with the points, 0 to 1. The agreement with a point is 1 if the depths are
@@ -225,14 +251,24 @@ fn extent(list: &[Spot]) -> Option<(DVec3, f64)> {
 
 /// Sets the weights of the points: the more points face in about the same direction, the smaller their weights.
 fn balance(list: &mut [Spot]) {
-    let mut counts = [0.0; 13];
-    list.iter().filter_map(|spot| spot.normal.map(facing)).for_each(|axis| counts[axis] += 1.0);
-    let all: f64 = counts.iter().sum();
-    for spot in list {
-        if let Some(axis) = spot.normal.map(facing) {
-            spot.weight = (all / (13.0 * counts[axis])).sqrt().min(3.0);
+    let found = weights(list.iter().map(|spot| spot.normal));
+    for (spot, weight) in list.iter_mut().zip(found) {
+        if spot.normal.is_some() {
+            spot.weight = weight;
         }
     }
+}
+
+/// Weight of each point with a normal: the more points face in about the same direction, the smaller it is. Points
+/// without a normal have the weight [`AT_EDGE`].
+pub(super) fn weights(normals: impl Iterator<Item = Option<DVec3>>) -> Vec<f64> {
+    let axes: Vec<Option<usize>> = normals.map(|normal| normal.map(facing)).collect();
+    let mut counts = [0.0; 13];
+    axes.iter().flatten().for_each(|&axis| counts[axis] += 1.0);
+    let all: f64 = counts.iter().sum();
+    let weight =
+        |axis: &Option<usize>| axis.map_or(AT_EDGE, |axis| (all / (13.0 * counts[axis])).sqrt().min(3.0));
+    axes.iter().map(weight).collect()
 }
 
 /// Median of the standard deviations along the middle axis, over the opaque splats whose distance from the eye of

@@ -3,7 +3,7 @@
 use engine::Up;
 use glam::{DMat3, DVec3};
 
-use super::{Comparison, Finding, Likely, Place, compare};
+use super::{CapturedPlace, Comparison, Finding, Likely, compare};
 use crate::math::equirect::axes;
 use crate::testing::context;
 use crate::types::frame::Similarity;
@@ -32,19 +32,29 @@ fn faces() -> Vec<Face> {
 
 /// Flat splats on all faces, 6 cm apart from each other.
 fn splats() -> Splats {
+    splats_on(&faces(), 0.06, 0.035, 0.0)
+}
+
+/// Flat splats with the given distance from each other and the given standard deviation. Their centres are at least
+/// `inset` away from the edges of the faces, or in the middle.
+fn splats_on(faces: &[Face], apart: f64, deviation: f32, inset: f64) -> Splats {
     let mut splats = Splats::empty();
-    for [corner, a, b] in faces() {
+    for &[corner, a, b] in faces {
         let (long, wide) = (a.length(), b.length());
         let normal = a.cross(b).normalize();
         // A rotation by 180 degrees about the bisector of z and the normal maps z to the normal.
         let half = (normal + DVec3::Z).normalize();
-        let (columns, rows) = ((long / 0.06).ceil(), (wide / 0.06).ceil());
+        let (columns, rows) = ((long / apart).ceil(), (wide / apart).ceil());
         for i in 0..(columns * rows) as usize {
             let (u, v) = ((i % columns as usize) as f64 + 0.5, (i / columns as usize) as f64 + 0.5);
-            let point = corner + a * (u / columns) + b * (v / rows);
+            let within = |share: f64, length: f64| {
+                let edge = (inset / length).min(0.5);
+                share.clamp(edge, 1.0 - edge)
+            };
+            let point = corner + a * within(u / columns, long) + b * within(v / rows, wide);
             splats.means.push(point.as_vec3().to_array());
             splats.quats.push([0.0, half.x as f32, half.y as f32, half.z as f32]);
-            splats.scales.push([0.035, 0.035, 0.003]);
+            splats.scales.push([deviation, deviation, 0.003]);
             splats.opacities.push(0.95);
             splats.sh.push([0.5; 3]);
         }
@@ -80,7 +90,7 @@ fn camera(eye: DVec3, target: DVec3) -> Camera {
 }
 
 fn compared(splats: &Splats, mesh: &Mesh, camera: Camera) -> Comparison {
-    let place = Place {
+    let place = CapturedPlace {
         splats,
         mesh,
         cameras: &[camera],
@@ -160,6 +170,117 @@ fn shifts_of_half_a_metre_are_found() {
     for axis in [DVec3::X, DVec3::Y, DVec3::Z] {
         undone(Similarity { offset: axis * 0.5, ..Similarity::IDENTITY });
         undone(Similarity { offset: axis * -0.5, ..Similarity::IDENTITY });
+    }
+}
+
+/// Faces of the place that the trials of other tools use: a floor, and a thin post between camera and object.
+fn floor_and_post() -> Vec<Face> {
+    let at = DVec3::new;
+    let mut faces = vec![[at(-2.0, -2.0, 0.0), at(4.0, 0.0, 0.0), at(0.0, 4.0, 0.0)]];
+    let (low, [x, y, z]) = (at(-0.1, -1.1, 0.0), [DVec3::X * 0.2, DVec3::Y * 0.15, DVec3::Z * 1.2]);
+    faces.extend([[low, x, z], [low + y, x, z], [low, y, z], [low + x, y, z], [low + z, x, y]]);
+    faces
+}
+
+/// A place whose splats are so large that their depths are inaccurate near the object.
+fn coarse() -> (Splats, Mesh) {
+    let mut mesh = Mesh::default();
+    floor_and_post().into_iter().for_each(|[corner, a, b]| add(&mut mesh, corner, a, b));
+    (splats_on(&floor_and_post(), 0.08, 0.094, 0.12), mesh)
+}
+
+fn coarse_camera() -> Camera {
+    camera(DVec3::new(0.6, -3.2, 1.6), DVec3::new(0.0, 0.0, 0.45))
+}
+
+/// The transform that undoes a fault is found exactly where splats are large and one plane dominates, and neither
+/// debris nor missing surfaces are reported there. This test fails if `of_surfaces` returns `None`.
+#[test]
+fn faults_are_found_in_a_place_of_large_splats() {
+    let (splats, mesh) = coarse();
+    assert_eq!(compared(&splats, &mesh, coarse_camera()).findings(), []);
+    let turn = |x: DVec3, y: DVec3| Similarity {
+        rotation: DMat3::from_cols(x, y, x.cross(y)),
+        ..Similarity::IDENTITY
+    };
+    let scaled = |scale: f64| Similarity { scale, ..Similarity::IDENTITY };
+    let shifted = |offset: DVec3| Similarity { offset, ..Similarity::IDENTITY };
+    let faults = [
+        scaled(0.1),
+        scaled(0.5),
+        scaled(100.0),
+        shifted(DVec3::X * 0.5),
+        shifted(DVec3::Y * -0.5),
+        turn(DVec3::Y, DVec3::NEG_X),
+        turn(DVec3::NEG_X, DVec3::NEG_Y),
+    ];
+    for fault in faults {
+        let result = compared(&splats, &placed(&mesh, &fault), coarse_camera());
+        assert_eq!(result.findings(), [Finding::Elsewhere], "{fault:?}: {result:?}");
+        let best = result.best.unwrap_or_else(|| panic!("{fault:?}: {result:?}"));
+        let rest = best.by.after(&fault);
+        let post = DVec3::new(0.0, -1.0, 0.6);
+        assert!(
+            (rest.scale - 1.0).abs() < 0.01 && (rest.point(post) - post).length() < 0.03,
+            "{fault:?}: {best:?}"
+        );
+        assert!(best.agreement > 0.9 && best.agreement > best.before + 0.12, "{fault:?}: {best:?}");
+    }
+}
+
+/// Splats of another scale are blamed if the cameras show that the mesh is in place.
+#[test]
+fn the_cameras_show_which_input_is_elsewhere() {
+    let (mut splats, mesh) = coarse();
+    splats.means.iter_mut().flatten().for_each(|v| *v *= 0.25);
+    splats.scales.iter_mut().flatten().for_each(|v| *v *= 0.25);
+    let result = compared(&splats, &mesh, coarse_camera());
+    let best = result.best.unwrap_or_else(|| panic!("{result:?}"));
+    assert!((best.by.scale - 0.25).abs() < 1e-3 && best.turn_deg < 1.0, "{best:?}");
+    assert!(best.likely == Likely::Splats && best.is_decided, "{best:?}");
+}
+
+/// A mesh whose axes were swapped or negated is recognized as a reflection. This test fails without the reflections
+/// in `all_turns`.
+#[test]
+fn reflections_are_found() {
+    let swap = DMat3::from_cols(DVec3::X, DVec3::Z, DVec3::Y);
+    let negate = DMat3::from_cols(DVec3::NEG_X, DVec3::Y, DVec3::Z);
+    for rotation in [swap, negate] {
+        let result = found(&placed(&mesh(None), &Similarity { rotation, ..Similarity::IDENTITY }));
+        let best = result.best.unwrap_or_else(|| panic!("{rotation}: {result:?}"));
+        assert!(best.is_mirrored(), "{rotation}: {best:?}");
+        // Each of the two is its own inverse.
+        assert_eq!((best.by.rotation, best.by.scale), (rotation, 1.0), "{best:?}");
+    }
+}
+
+/// A mesh of another place gets no transform, and neither debris nor missing surfaces are reported.
+#[test]
+fn a_mesh_of_another_place_gets_no_transform() {
+    let (_, other) = coarse();
+    let fault = Similarity { offset: DVec3::new(0.3, 0.4, 0.9), ..Similarity::IDENTITY };
+    let result = found(&placed(&other, &fault));
+    assert_eq!(result.best, None, "{result:?}");
+    assert_eq!(result.findings(), [Finding::Elsewhere], "{result:?}");
+}
+
+/// If only `up` is wrong, splats and mesh still agree, although the object stands at a wrong place. This test fails
+/// without the second comparison in `compare`.
+#[test]
+fn a_wrong_up_is_not_reported_as_a_wrong_mesh() {
+    let (splats, mesh) = coarse();
+    for up in [Up::PlusY, Up::MinusY] {
+        let place = CapturedPlace {
+            splats: &splats,
+            mesh: &mesh,
+            cameras: &[coarse_camera()],
+            around: &[axes(up)[2] * 0.5],
+            axes: axes(up),
+            metre: 1.0,
+        };
+        let result = compare(&place, &context()).expect("runs").expect("surfaces");
+        assert_eq!(result.findings(), [], "{up:?}: {result:?}");
     }
 }
 

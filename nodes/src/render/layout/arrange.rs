@@ -3,7 +3,7 @@
 use engine::{Context, NodeError};
 use glam::DVec3;
 
-use super::camera::{Subject, View, best_view};
+use super::camera::{Subject, Viewpoint, best_view};
 use super::grid::Grid;
 use super::surface::{Surface, Wish, surfaces};
 use crate::geometry::level::LevelEstimate;
@@ -69,7 +69,7 @@ pub struct Arrangement {
     /// True if `scale` follows from the available space, and not from the size of the object.
     pub fitted: bool,
     /// The camera. `None` if no camera in free space sees the place.
-    pub view: Option<View>,
+    pub view: Option<Viewpoint>,
 }
 
 /// Finds a place for the object, and a camera that sees it. `metres_per_unit` is the length of a world unit in

@@ -21,7 +21,7 @@ const SMALL: [u32; 2] = [96, 72];
 
 /// Position and target of the camera, in world units, and its field of view.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct View {
+pub struct Viewpoint {
     /// Position of the camera, in world units.
     pub eye: DVec3,
     /// Point in the middle of the picture, in world units.
@@ -32,7 +32,7 @@ pub struct View {
     pub score: f64,
 }
 
-impl View {
+impl Viewpoint {
     /// Converts the view to a camera that is upright with respect to `up`.
     pub fn camera(&self, name: &str, size: [u32; 2], up: DVec3) -> Camera {
         let forward = (self.target - self.eye).normalize();
@@ -56,7 +56,7 @@ pub struct Subject {
 /// Rates how well a small picture shows the subject, from 0 to 1.
 fn judge(
     splats: &Splats,
-    view: &View,
+    view: &Viewpoint,
     subject: &Subject,
     up: DVec3,
     near: f64,
@@ -105,11 +105,11 @@ pub fn best_view(
     subject: &Subject,
     hint: &[DVec3],
     cx: &Context,
-) -> Result<Option<View>, NodeError> {
+) -> Result<Option<Viewpoint>, NodeError> {
     let up = grid.axes.z_axis;
     let target = subject.place + up * (0.45 * subject.height);
     let local = |p: DVec3| grid.axes.transpose() * p;
-    let mut list: Vec<(f64, View)> = Vec::new();
+    let mut list: Vec<(f64, Viewpoint)> = Vec::new();
     let mut add = |eye: DVec3, bonus: f64| {
         let way = target - eye;
         let distance = way.length();
@@ -121,7 +121,7 @@ pub fn best_view(
             return;
         }
         let score = bonus + 0.2 * behind.min(2.0);
-        list.push((score, View { eye, target, fov_y_deg: 45.0, score: 0.0 }));
+        list.push((score, Viewpoint { eye, target, fov_y_deg: 45.0, score: 0.0 }));
     };
     for (a, away) in AWAY.into_iter().enumerate() {
         for (r, rise) in RISES.into_iter().enumerate() {
@@ -145,12 +145,12 @@ pub fn best_view(
     }
     // The best camera of each eighth of the circle comes first, so that not all are on one side.
     list.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let sector = |view: &View| {
+    let sector = |view: &Viewpoint| {
         let way = local(view.eye - target);
         ((num::atan2(way.y, way.x) + std::f64::consts::PI) / std::f64::consts::TAU * 8.0) as usize % 8
     };
     let mut counts = [0_usize; 8];
-    let mut ranked: Vec<(usize, View)> = Vec::new();
+    let mut ranked: Vec<(usize, Viewpoint)> = Vec::new();
     for (_, view) in &list {
         let own = &mut counts[sector(view)];
         ranked.push((*own, *view));
@@ -158,11 +158,11 @@ pub fn best_view(
     }
     ranked.sort_by_key(|(rank, _)| *rank);
     let near = 0.02 * subject.extent;
-    let mut best: Option<View> = None;
+    let mut best: Option<Viewpoint> = None;
     for (_, view) in ranked.into_iter().take(TRIED) {
         let score = judge(splats, &view, subject, up, near, cx)?;
         if best.is_none_or(|best| score > best.score) {
-            best = Some(View { score, ..view });
+            best = Some(Viewpoint { score, ..view });
         }
     }
     Ok(best)

@@ -6,6 +6,6 @@ mod grid;
 mod surface;
 
 pub use arrange::{Arrangement, Extents, arrange};
-pub use camera::{Subject, View, best_view};
+pub use camera::{Subject, Viewpoint, best_view};
 pub use grid::Grid;
 pub use surface::{Surface, Wish, surfaces};

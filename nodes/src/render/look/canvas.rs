@@ -118,7 +118,7 @@ impl Canvas {
             largest: 255,
             codes,
             ignored: Vec::new(),
-            linear: false,
+            colour: None,
         };
         write(&raster, true, &[])
     }

@@ -5,7 +5,7 @@ use glam::DVec3;
 
 use crate::geometry::level::LevelEstimate;
 use crate::math::num;
-use crate::render::layout::{Grid, View, Wish, surfaces};
+use crate::render::layout::{Grid, Viewpoint, Wish, surfaces};
 use crate::render::splat::{Settings, render};
 use crate::types::{Rig, Splats};
 
@@ -22,7 +22,7 @@ const INSIDE: f64 = 0.6;
 const SMALL: [u32; 2] = [80, 60];
 
 /// Rates how much of the scene a view shows, from 0 to 1.
-fn judge(splats: &Splats, view: &View, up: DVec3, radius: f64, cx: &Context) -> Result<f64, NodeError> {
+fn judge(splats: &Splats, view: &Viewpoint, up: DVec3, radius: f64, cx: &Context) -> Result<f64, NodeError> {
     let settings = Settings { near: 1e-3 * radius, ..Settings::default() };
     let seen = render(splats, &view.camera("try", SMALL, up), None, &settings, cx)?;
     let pixels = f64::from(SMALL[0] * SMALL[1]);
@@ -47,12 +47,12 @@ pub fn views(
     cameras: Option<&Rig>,
     count: usize,
     cx: &Context,
-) -> Result<Vec<View>, NodeError> {
+) -> Result<Vec<Viewpoint>, NodeError> {
     let grid = Grid::new(splats, stand);
     let (up, centre) = (grid.axes.z_axis, DVec3::from_array(stand.centre));
-    let mut tried: Vec<View> = Vec::new();
+    let mut tried: Vec<Viewpoint> = Vec::new();
     let mut add = |eye: DVec3, target: DVec3| {
-        tried.push(View { eye, target, fov_y_deg: FOV_Y_DEG, score: 0.0 });
+        tried.push(Viewpoint { eye, target, fov_y_deg: FOV_Y_DEG, score: 0.0 });
     };
     // Places of the floor, apart from each other.
     let mut places: Vec<DVec3> = Vec::new();
@@ -94,15 +94,15 @@ pub fn views(
         for k in 0..6 {
             let (s, c) = num::sin_cos(std::f64::consts::TAU * f64::from(k) / 6.0);
             let eye = centre + grid.axes * DVec3::new(c, s, 0.35) * (1.6 * stand.radius);
-            let view = View { eye, target: centre, fov_y_deg: FOV_Y_DEG, score: 0.0 };
-            tried.push(View { score: judge(splats, &view, up, stand.radius, cx)?, ..view });
+            let view = Viewpoint { eye, target: centre, fov_y_deg: FOV_Y_DEG, score: 0.0 };
+            tried.push(Viewpoint { score: judge(splats, &view, up, stand.radius, cx)?, ..view });
         }
     }
     tried.sort_by(|a, b| b.score.total_cmp(&a.score));
-    let mut chosen: Vec<View> = Vec::new();
+    let mut chosen: Vec<Viewpoint> = Vec::new();
     for view in tried {
-        let ahead = |view: &View| (view.target - view.eye).normalize();
-        let other = |known: &View| {
+        let ahead = |view: &Viewpoint| (view.target - view.eye).normalize();
+        let other = |known: &Viewpoint| {
             (known.eye - view.eye).length() > 0.3 * stand.radius || ahead(known).dot(ahead(&view)) < 0.3
         };
         if chosen.len() < count && chosen.iter().all(other) {

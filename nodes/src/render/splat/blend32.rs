@@ -129,7 +129,8 @@ fn tile<S: Simd, const DEPTH: u8>(simd: S, task: &Task<'_, '_>) -> Blended {
     let (mut evaluations, mut blends) = (0_u64, 0_u64);
 
     let mut batch = [Footprint::NONE; BATCH];
-    let mut margins = [0.0_f32; BATCH];
+    // Below 0 if only the centre of the splat must lie in front of the limit.
+    let mut margins = [-1.0_f32; BATCH];
     let mut peaks = [Peak::NONE; BATCH];
     for indices in list.chunks(BATCH) {
         if live == 0 || cx.cancelled() {
@@ -140,10 +141,10 @@ fn tile<S: Simd, const DEPTH: u8>(simd: S, task: &Task<'_, '_>) -> Blended {
         }
         if limits.is_some() {
             for (to, index) in margins.iter_mut().zip(indices) {
-                *to = projected.margin(*index);
+                *to = projected.margin(*index).unwrap_or(-1.0);
             }
         }
-        if DEPTH == RAY_MEDIAN {
+        if DEPTH == RAY_MEDIAN || limits.is_some() {
             for (to, index) in peaks.iter_mut().zip(indices) {
                 *to = *projected.peak(*index);
             }
@@ -170,7 +171,7 @@ fn tile<S: Simd, const DEPTH: u8>(simd: S, task: &Task<'_, '_>) -> Blended {
                             (f.l11 * (lane as f64 + turns * period)) as f32
                         });
                         *along = f32x8::from_slice(simd, &offset);
-                        if DEPTH == RAY_MEDIAN {
+                        if DEPTH == RAY_MEDIAN || limits.is_some() {
                             let column: [f32; LANES] = std::array::from_fn(|lane| {
                                 let here = dx + (half * LANES + lane) as f64;
                                 let turns = f64::from(u8::from(here < -0.5 * period))
@@ -208,7 +209,7 @@ fn tile<S: Simd, const DEPTH: u8>(simd: S, task: &Task<'_, '_>) -> Blended {
             // One over the depth of the splat's peak, in the first column; to first order, see [`Peak`].
             let mut inverse_of = [0.0_f32; TILE];
             let inverse_step = (peak.inverse * peak.across) as f32;
-            if DEPTH == RAY_MEDIAN {
+            if DEPTH == RAY_MEDIAN || *margin >= 0.0 {
                 let first = peak.inverse * (1.0 + peak.across * dx + peak.down * dy);
                 let inverses = rows * (peak.inverse * peak.down) as f32 + first as f32;
                 inverses.store_slice(&mut inverse_of);
@@ -222,7 +223,15 @@ fn tile<S: Simd, const DEPTH: u8>(simd: S, task: &Task<'_, '_>) -> Blended {
                 let mut in_front = all;
                 if limits.is_some() {
                     let limit = f32x8::from_slice(simd, &pixels.limit[vector]);
-                    drawn &= limit.simd_gt(f.z + margin);
+                    drawn &= limit.simd_gt(f.z);
+                    if *margin >= 0.0 {
+                        let inverse = columns[vector / TILE] * inverse_step + inverse_of[vector % TILE];
+                        let (least, most) = (peak.least as f32, peak.most as f32);
+                        // See `last_inverse_at` of [`Peak`].
+                        let inverse =
+                            inverse.simd_ge(most).select(f32x8::splat(simd, least), inverse.max(least));
+                        drawn &= ((limit - *margin) * inverse).simd_gt(1.0);
+                    }
                     if settings.sort == Sort::Depth {
                         in_front = (limit * BEHIND).simd_ge(f.z);
                     }

@@ -42,7 +42,7 @@ pub(super) fn blend(task: &Task<'_, '_>) -> Blended {
                     continue;
                 }
                 evaluations += 1;
-                if limits.as_ref().is_some_and(|limits| f.z + margin >= limits[at]) {
+                if limits.as_ref().is_some_and(|limits| f.z >= limits[at]) {
                     continue;
                 }
                 let mut dx = (x0 + column) as f64 + 0.5 - f.u;
@@ -54,6 +54,11 @@ pub(super) fn blend(task: &Task<'_, '_>) -> Blended {
                 let t = f.l11 * dx + f.l21 * dy;
                 let exponent = t * t + s * s;
                 if exponent > reach {
+                    continue;
+                }
+                if let (Some(limits), Some(margin)) = (&limits, margin)
+                    && f64::from(limits[at] - margin) * peak.last_inverse_at(dx, dy) <= 1.0
+                {
                     continue;
                 }
                 let alpha = (opacity * num::f64::exp2(-exponent)).min(settings.alpha_cap);

@@ -41,9 +41,11 @@ pub struct Limit<'a> {
     /// Planar depth in world units: an image with one channel and the size of the picture. 0 or +inf means that
     /// there is no surface.
     pub depth: &'a Image<Data>,
-    /// Distance by which the centre of a splat must lie in front of the surface, at least 0, in standard deviations
-    /// along the middle axis of the splat. The splats that represent a surface have centres that scatter around it
-    /// by less than their width.
+    /// Distance by which a splat must lie in front of the surface, at least 0, in standard deviations along the
+    /// middle axis of the splat. It applies per pixel to the depth at which the splat is densest along the ray (see
+    /// [`DepthMode::RayMedian`]), or to two standard deviations of depth behind the centre if this depth is farther
+    /// in front of the centre than that. The splats that represent a surface scatter around it by less than their
+    /// width. The centre of the splat must lie in front as well. If this is 0, only the centre counts.
     pub sigmas: f64,
 }
 

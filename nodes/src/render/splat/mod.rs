@@ -35,6 +35,7 @@ use camera_model::Pinhole;
 use draw::draw;
 pub use draw::{Clock, Limit, Rendered};
 pub use panorama::{PanoramaCamera, panorama, panorama_at};
+pub(crate) use peak::PEAK_BYTES;
 use project::{Footprint, Projected};
 pub(crate) use settings::former;
 pub use settings::{Bounds, Compensation, DepthMode, Drawing, Precision, Settings, Sort, TILE};

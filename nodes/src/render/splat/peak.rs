@@ -58,6 +58,9 @@ pub(super) struct Peak {
     pub most: f64,
 }
 
+/// Memory for the peak of a splat and its distance from a limiting surface, in bytes.
+pub(crate) const PEAK_BYTES: u64 = (size_of::<Peak>() + size_of::<f32>()) as u64;
+
 impl Peak {
     /// Placeholder for buffers that are filled later.
     pub(super) const NONE: Self =
@@ -122,5 +125,12 @@ impl Peak {
             return self.least;
         }
         (self.inverse * (1.0 + 2.0 * e + q) / (1.0 + e)).max(self.least).min(self.most)
+    }
+
+    /// Same as [`Self::inverse_at`], but the reciprocal of the largest depth where the peak is clamped: the splat is
+    /// nowhere behind it, so it is in front of every surface beyond.
+    pub(super) fn last_inverse_at(&self, dx: f64, dy: f64) -> f64 {
+        let inverse = self.inverse_at(dx, dy);
+        if inverse >= self.most { self.least } else { inverse }
     }
 }

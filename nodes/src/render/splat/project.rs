@@ -57,11 +57,11 @@ pub(super) struct Entry {
 #[derive(Default)]
 struct Chunk {
     footprints: Vec<Footprint>,
-    /// For each footprint, the distance by which the centre of its splat must lie in front of the limiting surface
+    /// For each footprint, the distance by which the peak of its splat must lie in front of the limiting surface
     /// (see [`Limit`](super::draw::Limit)) for the splat to be drawn, in world units. Empty if there is no such surface
     /// or all of these distances are 0.
     margins: Vec<f32>,
-    /// Peak of each footprint, for `RayMedian`.
+    /// Peak of each footprint, for `RayMedian` and where there are margins.
     peaks: Vec<Peak>,
     reaches: Vec<(u64, TileRange)>,
     skipped: u64,
@@ -128,15 +128,15 @@ impl Projected {
         &self.chunks[(index >> CHUNK_BITS) as usize].footprints[index as usize % CHUNK]
     }
 
-    /// Distance by which the centre of a splat must lie in front of the limiting surface for the splat to be drawn,
-    /// in world units. `index` is the index of the footprint of the splat.
+    /// Distance by which the peak of a splat must lie in front of the limiting surface for the splat to be drawn, in
+    /// world units. `index` is the index of the footprint of the splat. `None` if only its centre must lie in front.
     #[inline(always)]
-    pub(super) fn margin(&self, index: u32) -> f32 {
+    pub(super) fn margin(&self, index: u32) -> Option<f32> {
         let margins = &self.chunks[(index >> CHUNK_BITS) as usize].margins;
-        margins.get(index as usize % CHUNK).copied().unwrap_or(0.0)
+        margins.get(index as usize % CHUNK).copied()
     }
 
-    /// Peak of the footprint with this index, for `RayMedian`.
+    /// Peak of the footprint with this index, for `RayMedian` and where there are margins.
     #[inline(always)]
     pub(super) fn peak(&self, index: u32) -> &Peak {
         let peaks = &self.chunks[(index >> CHUNK_BITS) as usize].peaks;
@@ -409,7 +409,7 @@ impl<'a, L: CameraModel> Projection<'a, L> {
         out.reaches.push((key, reach));
         let (opacity, log2_opacity, z) = (opacity as f32, log2_opacity as f32, depth as f32);
         out.footprints.push(Footprint { u, v, l11, l21, l22, opacity, log2_opacity, rgb, z });
-        if settings.depth == DepthMode::RayMedian {
+        if settings.depth == DepthMode::RayMedian || self.limit_sigmas > 0.0 {
             let (quat, scale) = (splats.quats[index], splats.scales[index]);
             out.peaks.push(Peak::of(camera_model, offset, (depth, settings.near), quat, scale));
         }
@@ -436,6 +436,12 @@ impl<'a, L: CameraModel> Projection<'a, L> {
         }
         out.footprints.reserve_exact(places.len());
         out.reaches.reserve_exact(places.len());
+        if self.limit_sigmas > 0.0 {
+            out.margins.reserve_exact(places.len());
+        }
+        if self.limit_sigmas > 0.0 || self.settings.depth == DepthMode::RayMedian {
+            out.peaks.reserve_exact(places.len());
+        }
         let mut batch = Batch::new();
         for places in places.chunks(BATCH) {
             for (lane, place) in places.iter().enumerate() {

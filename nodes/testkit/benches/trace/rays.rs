@@ -73,7 +73,7 @@ struct Embree {
     program: Child,
     folder: PathBuf,
     /// Output of the process.
-    said: Lines<BufReader<ChildStdout>>,
+    lines: Lines<BufReader<ChildStdout>>,
 }
 
 impl Embree {
@@ -97,13 +97,13 @@ impl Embree {
         let mut command = Command::new(&program);
         let command = command.arg(PASSES.to_string()).args(&files);
         let mut program = command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
-        let said = BufReader::new(program.stdout.take().unwrap()).lines();
-        Some(Self { program, folder, said })
+        let lines = BufReader::new(program.stdout.take().unwrap()).lines();
+        Some(Self { program, folder, lines })
     }
 
     /// Reads the numbers in the next line of the output of the process.
     fn numbers(&mut self) -> Vec<f64> {
-        let line = self.said.next().expect("a line").unwrap();
+        let line = self.lines.next().expect("a line").unwrap();
         line.split(' ').map(|word| word.parse().unwrap()).collect()
     }
 

@@ -11,7 +11,7 @@ use nodes::kinds::extract_mesh::{self, ExtractMesh};
 use nodes::kinds::load_mesh::ColourEncoding;
 use nodes::math::equirect::axes;
 use nodes::math::num;
-use nodes::render::agreement::{Comparison, Finding, Likely, Place, compare};
+use nodes::render::agreement::{CapturedPlace, Comparison, Finding, Likely, compare};
 use nodes::types::frame::Similarity;
 use nodes::types::{Camera, Mesh, Pose, Rig, Splats};
 
@@ -97,7 +97,7 @@ fn capture(
 }
 
 fn compared(scene: &Scene, fault: &str, splats: &Splats, mesh: &Mesh) -> Comparison {
-    let place = Place {
+    let place = CapturedPlace {
         splats,
         mesh,
         cameras: &scene.cameras,

@@ -12,6 +12,7 @@ mod light;
 mod looks;
 mod mesh;
 mod metrics;
+mod peaks;
 mod splat;
 mod trace;
 mod trials;

@@ -16,14 +16,14 @@ use super::data;
 use super::splat::load;
 
 /// Position of the object of the bench case.
-const FOOT: DVec3 = DVec3::new(0.4, 0.3, 0.0);
+pub const FOOT: DVec3 = DVec3::new(0.4, 0.3, 0.0);
 
-fn views() -> Arc<Rig> {
+pub fn views() -> Arc<Rig> {
     data().cameras("bench-case/case.json", "views", &[])
 }
 
 /// Planar depth of a view without the object, rendered by Cycles; 1e6 where no surface is visible.
-fn truth(view: &str) -> Vec<f32> {
+pub fn truth(view: &str) -> Vec<f32> {
     let bytes = data().bytes(&format!("bench-case/gt/{view}_without.exr"));
     nodes::io::exr::read(view, &bytes).unwrap().find("Z").unwrap().to_vec()
 }
@@ -59,7 +59,7 @@ impl Normal {
 /// Adds errors to splats, similar to the errors of splats in a trained scene. Normals are rotated by N(0, tilt).
 /// Centres are moved by N(0, jitter) along the normal and by N(0, jitter / 2) perpendicular to it. Axes are
 /// multiplied by exp N(0, 0.35). Opacities are drawn from Beta(4, 1.2).
-fn degraded(splats: &Splats, tilt_deg: f64, jitter: f64) -> Splats {
+pub fn degraded(splats: &Splats, tilt_deg: f64, jitter: f64) -> Splats {
     let (mut random, mut out) = (Normal(12_345), splats.clone());
     out.means_low.clear();
     for i in 0..out.len() {
@@ -84,6 +84,22 @@ fn degraded(splats: &Splats, tilt_deg: f64, jitter: f64) -> Splats {
         out.opacities[i] = (a / (a + b)) as f32;
     }
     out
+}
+
+/// Planar depth of a mesh in a view; +inf where there is no surface.
+pub fn depth_of(mesh: &Mesh, camera: &Camera) -> Vec<f32> {
+    let eye = camera.eye();
+    let corners: Vec<[Vec3; 3]> =
+        mesh.triangles.iter().map(|t| t.map(|i| (mesh.position(i) - eye).as_vec3())).collect();
+    let tree = Bvh::build(&corners);
+    let forward = camera.world_from_camera().z_axis.truncate();
+    let width = camera.width_px as usize;
+    let depth = |i: usize| {
+        let direction = camera.direction((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
+        let hit = tree.closest(Ray::new(Vec3::ZERO, direction.as_vec3()), |_| true);
+        hit.map_or(f32::INFINITY, |hit| (f64::from(hit.t) * direction.dot(forward)) as f32)
+    };
+    (0..width * camera.height_px as usize).map(depth).collect()
 }
 
 /// Deviations of a mesh from the ground truth in a view.
@@ -146,7 +162,7 @@ fn extracted(splats: Arc<Splats>) -> Arc<Mesh> {
     ExtractMesh::run(&ExtractMesh::default(), inputs, &data().context()).unwrap().0.mesh
 }
 
-fn given() -> Arc<Mesh> {
+pub fn given() -> Arc<Mesh> {
     data().mesh("bench-case/mesh_proxy.ply", ColourEncoding::Auto).0
 }
 

@@ -6,7 +6,8 @@ use engine::Notes;
 use serde_json::Value;
 
 use crate::error::Error;
-use crate::io::gltf::{SPECULAR_GLOSSINESS, SUPPORTED};
+use crate::io::gltf::SUPPORTED;
+use crate::io::gltf::specular_glossiness::{self, glossiness};
 use crate::types::{
     AlphaMode, Anisotropy, Clearcoat, ColourMap, DiffuseTransmission, Iridescence, Map, Material, NormalMap,
     Sampler, Sheen, Specular, TextureRef, TextureTransform, Wrap,
@@ -16,12 +17,22 @@ use crate::types::{
 pub struct Materials<'a> {
     name: &'a str,
     json: &'a Value,
-    /// Indices of the images in use. [`TextureRef::texture`] is an index into this list.
-    pub images: Vec<usize>,
+    /// The images in use. [`TextureRef::texture`] is an index into this list.
+    pub images: Vec<Picture>,
     clamped: u64,
     ignored: BTreeSet<String>,
     occluded: bool,
     glossy: u64,
+}
+
+/// An image that a material uses.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Picture {
+    /// Index of the image in the file.
+    pub image: usize,
+    /// If the alpha of the image is a glossiness, the factor that multiplies it. The texture then holds one minus the
+    /// glossiness in its green channel.
+    pub glossiness: Option<f64>,
 }
 
 /// Extensions that are not rendered, each with the effect on the picture.
@@ -68,7 +79,7 @@ impl<'a> Materials<'a> {
         notes.count(
             "specular-glossiness",
             self.glossy,
-            "of the materials had specular-glossiness parameters; only the diffuse colour and the glossiness were read",
+            "of the materials had specular-glossiness parameters; which were converted to `KHR_materials_specular`",
         );
         self.report_others(notes);
         if self.occluded {
@@ -128,7 +139,7 @@ impl<'a> Materials<'a> {
                 self.ignored.insert(format!("{name} is left out: {}", effect(name)));
             }
         }
-        self.glossy += u64::from(m["extensions"].get(SPECULAR_GLOSSINESS).is_some());
+        self.glossy += u64::from(m["extensions"].get(specular_glossiness::NAME).is_some());
         self.occluded |= m["occlusionTexture"].get("index").is_some();
         let ior = self.factor(&extension("KHR_materials_ior")["ior"], 1.5, 0.0, 1e3);
         let specular = extension("KHR_materials_specular");
@@ -139,7 +150,7 @@ impl<'a> Materials<'a> {
             base_colour_texture: self.texture(&pbr["baseColorTexture"])?,
             metallic: self.factor(&pbr["metallicFactor"], 1.0, 0.0, 1.0),
             roughness: self.factor(&pbr["roughnessFactor"], 1.0, 0.0, 1.0),
-            metallic_roughness_texture: self.texture(&pbr["metallicRoughnessTexture"])?,
+            metallic_roughness_texture: self.roughness(m)?,
             normal: self.normal(&m["normalTexture"])?,
             emissive: emissive.map(|e| e * strength),
             emissive_texture: self.texture(&m["emissiveTexture"])?,
@@ -244,7 +255,20 @@ impl<'a> Materials<'a> {
         std::array::from_fn(|i| self.factor(&value[i], default, 0.0, high))
     }
 
+    /// The texture of the roughness, which specular-glossiness stores as a glossiness.
+    fn roughness(&mut self, m: &Value) -> Result<Option<TextureRef>, Error> {
+        let gloss = &m["extensions"][specular_glossiness::NAME];
+        if gloss.is_null() {
+            return self.texture(&m["pbrMetallicRoughness"]["metallicRoughnessTexture"]);
+        }
+        self.texture_as(&gloss["specularGlossinessTexture"], Some(glossiness(gloss)))
+    }
+
     fn texture(&mut self, info: &Value) -> Result<Option<TextureRef>, Error> {
+        self.texture_as(info, None)
+    }
+
+    fn texture_as(&mut self, info: &Value, glossiness: Option<f64>) -> Result<Option<TextureRef>, Error> {
         let Some(index) = info["index"].as_u64() else { return Ok(None) };
         let texture = &self.json["textures"][index as usize];
         // A WebP picture in addition to a plain one is the better copy.
@@ -255,9 +279,9 @@ impl<'a> Materials<'a> {
                 format!("a material refers to texture {index}, which does not exist"),
             ));
         };
-        let image = image as usize;
-        let slot = self.images.iter().position(|known| *known == image).unwrap_or_else(|| {
-            self.images.push(image);
+        let picture = Picture { image: image as usize, glossiness };
+        let slot = self.images.iter().position(|known| *known == picture).unwrap_or_else(|| {
+            self.images.push(picture);
             self.images.len() - 1
         });
         let sampler =
@@ -348,7 +372,7 @@ mod tests {
         let mut reader = Materials::new("a", &json);
         let materials = reader.read(&mut notes).unwrap_or_else(|e| panic!("{e}"));
         assert_eq!(materials[0], Material::default());
-        assert_eq!(reader.images, [4, 2]);
+        assert_eq!(reader.images.iter().map(|picture| picture.image).collect::<Vec<_>>(), [4, 2]);
         let m = &materials[1];
         assert_eq!((m.base_colour, m.metallic, m.roughness), ([0.1, 0.2, 0.3, 0.4], 0.5, 0.25));
         assert_eq!((m.emissive, m.alpha_mode, m.double_sided), ([4.0, 2.0, 0.0], AlphaMode::Mask(0.2), true));

@@ -1,7 +1,6 @@
 //! Objects of glTF files: shapes, materials and textures.
 
 mod geometry;
-mod inward;
 mod material;
 pub(crate) mod tangents;
 #[cfg(test)]
@@ -9,12 +8,13 @@ mod tests;
 
 pub(crate) use geometry::local;
 
+use std::collections::BTreeSet;
 use std::path::Path;
 
 use engine::{Context, InputFile, NodeError, Notes, SourceFile, SourceRoot};
 
 use self::geometry::Geometry;
-use self::material::Materials;
+use self::material::{Materials, Picture};
 use super::{Want, json_of, parse};
 use crate::io::import::{self, Foreign};
 use crate::io::png::Raster;
@@ -29,14 +29,14 @@ pub(crate) fn sources(path: &InputFile, root: &SourceRoot) -> Result<Vec<SourceF
     if Foreign::of(&path.0).is_some() {
         let read = |path: &Path| if path.is_file() { std::fs::read(path).ok() } else { None };
         let bytes = std::fs::read(&file.path).map_err(failed)?;
-        let names = import::beside(&path.0, &bytes, |name| read(&root.beside(&file, name).path));
-        sources.extend(names.iter().map(|name| root.beside(&file, name)));
+        let names = import::other_files(&path.0, &bytes, |name| read(&root.sibling(&file, name).path));
+        sources.extend(names.iter().map(|name| root.sibling(&file, name)));
         return Ok(sources);
     }
     let Some((json, binary)) = json_of(&file.path).map_err(failed)? else { return Ok(sources) };
-    let names = parse(&path.0, &json).and_then(|parsed| parsed.beside(Want::Everything));
+    let names = parse(&path.0, &json).and_then(|parsed| parsed.other_files(Want::Everything));
     match names {
-        Ok(names) => sources.extend(names.iter().map(|name| root.beside(&file, name))),
+        Ok(names) => sources.extend(names.iter().map(|name| root.sibling(&file, name))),
         Err(_) if binary => {}
         Err(error) => return Err(NodeError::from(error).at("path")),
     }
@@ -54,53 +54,93 @@ pub(crate) fn object(
 ) -> Result<Object, NodeError> {
     let name = &path.0;
     let bytes = &*import::as_gltf(path, bytes, cx, notes)?;
+    if let Some(foreign) = Foreign::of(name).filter(|_| want == Want::Everything) {
+        foreign.tell_frame(notes);
+    }
     let file = parse(name, bytes)?;
-    let buffers = file.buffers(|beside| cx.read_beside(path, beside))?;
+    let buffers = file.buffers(|name| cx.read_sibling(path, name))?;
     let mut reader = Materials::new(name, &file.json);
     let mut unheard = Notes::none();
-    let said = if want == Want::Everything { &mut *notes } else { &mut unheard };
-    let mut materials = reader.read(said)?;
+    let shown = if want == Want::Everything { &mut *notes } else { &mut unheard };
+    let mut materials = reader.read(shown)?;
     let images = reader.images;
     let textures = if want == Want::Everything {
         let decoded = cx.for_each_tile(images.len(), |k| {
-            file.picture(images[k], &buffers, |beside| cx.read_beside(path, beside)).map(texture)
+            let Picture { image, glossiness } = images[k];
+            file.picture(image, &buffers, |name| cx.read_sibling(path, name))
+                .map(|raster| Decoded::of(raster, glossiness))
         })?;
         decoded.into_iter().collect::<Result<Vec<_>, NodeError>>()?
     } else {
         Vec::new()
     };
-    let narrowed = textures.iter().filter(|(_, narrowed)| *narrowed).count() as u64;
+    report_profiles(&textures, notes);
+    let narrowed = textures.iter().filter(|texture| texture.narrowed).count() as u64;
     notes.count(
         "textures-narrowed",
         narrowed,
         "of the textures had to be rounded from 16 to 8 bits per channel",
     );
     cx.progress(0.5);
-    let mut primitives = Geometry::new(name, &file, &buffers).scene(scene, &mut materials, cx, notes)?;
-    if want == Want::Everything {
-        inward::turn(&mut primitives, &materials, cx, notes)?;
-    }
-    Ok(Object { primitives, materials, textures: textures.into_iter().map(|(texture, _)| texture).collect() })
+    let primitives = Geometry::new(name, &file, &buffers).scene(scene, &mut materials, cx, notes)?;
+    Ok(Object {
+        primitives,
+        materials,
+        textures: textures.into_iter().map(|decoded| decoded.texture).collect(),
+    })
 }
 
-/// Converts a picture to a texture with four bytes per texel. The flag is true if 16-bit codes were rounded to 8
-/// bits.
-fn texture(raster: Raster) -> (Texture, bool) {
-    let wide = raster.largest > 255;
-    let byte = |code: u16| if wide { ((u32::from(code) * 255 + 32_767) / 65_535) as u8 } else { code as u8 };
-    let rgba = raster
-        .codes
-        .chunks_exact(raster.channels)
-        .flat_map(|texel| {
-            let [r, g, b, a] = match *texel {
-                [y] => [y, y, y, raster.largest],
-                [y, a] => [y, y, y, a],
-                [r, g, b] => [r, g, b, raster.largest],
-                [r, g, b, a, ..] => [r, g, b, a],
-                [] => [0; 4],
-            };
-            [byte(r), byte(g), byte(b), byte(a)]
-        })
-        .collect();
-    (Texture { width: raster.width as u32, height: raster.height as u32, rgba }, wide)
+/// A texture, and what was lost when it was decoded.
+struct Decoded {
+    texture: Texture,
+    /// True if 16-bit codes were rounded to 8 bits.
+    narrowed: bool,
+    /// Descriptions of properties of the file that are ignored, such as its colour profile.
+    ignored: Vec<String>,
+}
+
+impl Decoded {
+    /// Converts a picture to a texture with four bytes per texel. If a factor of the glossiness is given, the green
+    /// channel becomes one minus the glossiness, which alpha holds, and the other colours become 0.
+    fn of(raster: Raster, glossiness: Option<f64>) -> Self {
+        let wide = raster.largest > 255;
+        let byte =
+            |code: u16| if wide { ((u32::from(code) * 255 + 32_767) / 65_535) as u8 } else { code as u8 };
+        let rgba = raster
+            .codes
+            .chunks_exact(raster.channels)
+            .flat_map(|texel| {
+                let rgba = match *texel {
+                    [y] => [y, y, y, raster.largest],
+                    [y, a] => [y, y, y, a],
+                    [r, g, b] => [r, g, b, raster.largest],
+                    [r, g, b, a, ..] => [r, g, b, a],
+                    [] => [0; 4],
+                };
+                let rgba = rgba.map(byte);
+                match glossiness {
+                    Some(factor) => [0, (255.0 - factor * f64::from(rgba[3])).round() as u8, 0, 255],
+                    None => rgba,
+                }
+            })
+            .collect();
+        let (width, height) = (raster.width as u32, raster.height as u32);
+        let profile = raster.colour.map(|_| "a colour profile other than sRGB".to_owned());
+        let ignored = raster.ignored.into_iter().chain(profile).collect();
+        Self { texture: Texture { width, height, rgba }, narrowed: wide, ignored }
+    }
+}
+
+/// Reports what is ignored in the files of textures: glTF requires that colour profiles are.
+fn report_profiles(textures: &[Decoded], notes: &mut Notes) {
+    let found: BTreeSet<&str> =
+        textures.iter().flat_map(|texture| &texture.ignored).map(String::as_str).collect();
+    for what in found {
+        let count = textures.iter().filter(|texture| texture.ignored.iter().any(|own| own == what)).count();
+        let text = format!(
+            "textures have {what} (number: {count}); this is ignored, as glTF requires; save the textures upright and in sRGB if \
+             they look wrong"
+        );
+        notes.warning("profile-ignored", text);
+    }
 }

@@ -139,7 +139,7 @@ fn normal_maps_get_tangents_even_without_normals() {
         largest: 65_535,
         codes: vec![32_768, 32_768, 65_535],
         ignored: vec![],
-        linear: false,
+        colour: None,
     };
     let png = crate::io::png::write(&picture, false, &[]).unwrap_or_else(|e| panic!("{e}"));
     json["images"] = json!([{"uri": format!("data:image/png;base64,{}", base64(&png))}]);
@@ -242,10 +242,103 @@ fn other_formats_are_named() {
         ("chair.glb", b"ply\nformat ascii 1.0", "PLY"),
     ] {
         let reported = parse(name, bytes).err().map(|e| e.to_string()).unwrap_or_default();
-        assert!(reported.contains(&format!("{format}: objects must be glTF")), "{reported}");
+        assert!(reported.contains(&format!("{format}, where glTF, OBJ or STL is expected")), "{reported}");
     }
     let reported = parse("a.gltf", b"{").err().map(|e| e.to_string()).unwrap_or_default();
     assert!(reported.contains("JSON cannot be parsed"), "{reported}");
+}
+
+/// A document whose material has the picture `bytes` as its texture `pointer`.
+fn pictured(bytes: &[u8], material: Value) -> Value {
+    let mut json = triangle(json!({"mesh": 0}));
+    json["images"] = json!([{"uri": format!("data:image/png;base64,{}", base64(bytes))}]);
+    json["textures"] = json!([{"source": 0}]);
+    json["materials"] = json!([material]);
+    json["meshes"][0]["primitives"][0]["material"] = json!(0);
+    json
+}
+
+fn png_of(codes: Vec<u16>) -> Vec<u8> {
+    let raster =
+        Raster { width: 1, height: 1, channels: 4, largest: 255, codes, ignored: vec![], colour: None };
+    crate::io::png::write(&raster, false, &[]).unwrap_or_else(|e| panic!("{e}"))
+}
+
+// The specular colour of specular-glossiness is kept, and its glossiness becomes a texture of roughness. In an earlier
+// version gold became black.
+#[test]
+fn specular_glossiness_keeps_metals() {
+    let gold = json!({"extensions": {"KHR_materials_pbrSpecularGlossiness":
+        {"diffuseFactor": [0.0, 0.0, 0.0, 1.0], "specularFactor": [0.9, 0.6, 0.2], "glossinessFactor": 0.75}}});
+    let (object, _) = good(&pictured(&png_of(vec![1, 2, 3, 4]), gold));
+    let m = &object.materials[0];
+    assert_eq!((m.base_colour, m.metallic, m.roughness), ([0.0, 0.0, 0.0, 1.0], 0.0, 0.25));
+    assert_eq!(m.specular.strength.factor, 1.0);
+    let root = (m.ior - 1.0) / (m.ior + 1.0);
+    for (c, wanted) in m.specular.colour.factor.iter().zip([0.9, 0.6, 0.2]) {
+        assert!((root * root * c - wanted).abs() < 1e-5, "{m:?}");
+    }
+    assert!(object.textures.is_empty());
+    let mapped = json!({"extensions": {"KHR_materials_pbrSpecularGlossiness":
+        {"specularGlossinessTexture": {"index": 0}, "glossinessFactor": 0.5}}});
+    let (object, _) = good(&pictured(&png_of(vec![200, 100, 50, 102]), mapped));
+    let m = &object.materials[0];
+    let texel = |texture: Option<crate::types::TextureRef>| {
+        object.textures[texture.unwrap_or_else(|| panic!("a texture")).texture as usize].rgba.clone()
+    };
+    assert_eq!(texel(m.specular.colour.texture), [200, 100, 50, 102]);
+    assert_eq!((texel(m.metallic_roughness_texture), m.roughness), (vec![0, 204, 0, 255], 1.0));
+}
+
+// Profiles, which glTF ignores, are reported.
+#[test]
+fn profiles_of_textures_are_reported() {
+    let decoded = |ignored: &[&str]| {
+        let ignored = ignored.iter().map(|&text| text.to_owned()).collect();
+        Decoded::of(
+            Raster { width: 1, height: 1, channels: 1, largest: 255, codes: vec![7], ignored, colour: None },
+            None,
+        )
+    };
+    let mut notes = Notes::none();
+    report_profiles(
+        &[decoded(&["an ICC profile (`P3`)"]), decoded(&[]), decoded(&["an ICC profile (`P3`)"])],
+        &mut notes,
+    );
+    let all: Vec<_> = notes.iter().map(|note| (note.id.as_str(), note.text.as_str())).collect();
+    assert_eq!(all.len(), 1);
+    assert!(all[0].0 == "profile-ignored" && all[0].1.contains("(`P3`) (number: 2)"), "{all:?}");
+    // A PNG with a chunk that declares another gamma.
+    let mut bytes = Vec::new();
+    let mut encoder = png::Encoder::new(&mut bytes, 1, 1);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_source_gamma(png::ScaledFloat::new(1.0));
+    encoder
+        .write_header()
+        .and_then(|mut writer| writer.write_image_data(&[9, 9, 9]))
+        .unwrap_or_else(|e| panic!("{e}"));
+    let (_, notes) = good(&pictured(&bytes, json!({"emissiveTexture": {"index": 0}})));
+    assert!(notes.iter().any(|note| note.id == "profile-ignored"));
+}
+
+// Placeholders and formats of phones inside a file are named.
+#[test]
+fn foreign_buffers_and_textures_are_named() {
+    let lfs = b"version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 3\n";
+    let reported = |json: &Value| load_value(json, None).err().map(|e| e.to_string()).unwrap_or_default();
+    let text = reported(&pictured(lfs, json!({"emissiveTexture": {"index": 0}})));
+    assert!(text.contains("git lfs pull"), "{text}");
+    let text = reported(&pictured(b"\0\0\0\x18ftypheic\0\0\0\0", json!({"emissiveTexture": {"index": 0}})));
+    assert!(text.contains("HEIC"), "{text}");
+    let folder = tempfile::tempdir().unwrap_or_else(|e| panic!("{e}"));
+    std::fs::write(folder.path().join("a.bin"), lfs).unwrap_or_else(|e| panic!("{e}"));
+    let mut json = triangle(json!({"mesh": 0}));
+    json["buffers"][0]["uri"] = json!("a.bin");
+    let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false };
+    let (cx, path) = (Context::detached(scene, folder.path()), InputFile("a.gltf".to_owned()));
+    let read = object(&path, json.to_string().as_bytes(), Want::Everything, None, &cx, &mut Notes::none());
+    let text = read.err().map(|e| e.to_string()).unwrap_or_default();
+    assert!(text.contains("a.bin") && text.contains("git lfs pull"), "{text}");
 }
 
 #[test]

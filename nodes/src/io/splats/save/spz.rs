@@ -47,7 +47,7 @@ impl Cut {
 
 /// The attributes of some splats, each in a separate stream, and counts of clamped scales, colours and harmonics.
 #[derive(Default)]
-struct Part {
+struct EncodedChunk {
     streams: [Vec<u8>; 6],
     cut: [Cut; 3],
 }
@@ -96,21 +96,10 @@ pub(super) fn encode(
         NodeError::new(format!("SPZ cannot store {} splats; the maximum is 2^32 - 1", splats.len()))
     })?;
     let bits = fraction_bits(splats, notes)?;
-    // Scales begin at e^-10: smaller ones grow, which is visible if the whole scene is small.
-    let smallest = num::f64::exp(-10.0);
-    let axes = splats.scales.as_flattened();
-    let grown = axes.iter().filter(|v| f64::from(**v) < 0.9 * smallest).count();
-    if grown > 0 {
-        let least = axes.iter().copied().fold(f32::INFINITY, f32::min);
-        let text = format!(
-            "splat axes shorter than {smallest:.1e} units, the minimum of SPZ, were lengthened to this minimum ({grown} of {}); the shortest axis has {least:.1e} units. Scale the scene up if this is visible",
-            axes.len()
-        );
-        notes.warning("splats-grown", text);
-    }
+    report_grown(splats, notes);
     let rest = sh_rest(splats.sh_degree);
     let parts = chunks(splats.len(), cx, |range| {
-        let mut part = Part::default();
+        let mut part = EncodedChunk::default();
         let [centres, opacities, colours, scales, rotations, harmonics] = &mut part.streams;
         let [cut_scales, cut_colours, cut_harmonics] = &mut part.cut;
         for i in range {
@@ -137,13 +126,44 @@ pub(super) fn encode(
         }
         part
     })?;
+    report_cut(&parts, (splats.len(), rest), notes);
+    let mut header = b"NGSP".to_vec();
+    header.extend_from_slice(&version.to_le_bytes());
+    header.extend_from_slice(&count.to_le_bytes());
+    header.extend_from_slice(&[splats.sh_degree as u8, bits as u8, u8::from(splats.antialiased), 0]);
+    let stream = |which: usize| parts.iter().flat_map(move |part| &part.streams[which]).copied();
+    match version {
+        4 => streams_apart(header, |which| stream(which).collect(), cx),
+        _ => one_stream(header.into_iter().chain((0..6).flat_map(stream)).collect(), cx),
+    }
+}
+
+/// Warns about axes that are shorter than the minimum of the format.
+fn report_grown(splats: &Splats, notes: &mut Notes) {
+    // Scales begin at e^-10: smaller ones grow, which is visible if the whole scene is small.
+    let smallest = num::f64::exp(-10.0);
+    let axes = splats.scales.as_flattened();
+    let grown = axes.iter().filter(|v| f64::from(**v) < 0.9 * smallest).count();
+    if grown > 0 {
+        let least = axes.iter().copied().fold(f32::INFINITY, f32::min);
+        let text = format!(
+            "splat axes shorter than {smallest:.1e} units, the minimum of SPZ, were lengthened to this minimum ({grown} of {}); the shortest axis has {least:.1e} units. Scale the scene up if this is visible",
+            axes.len()
+        );
+        notes.warning("splats-grown", text);
+    }
+}
+
+/// Warns about values outside the range of the format. `rest` is the number of coefficients per splat and channel
+/// except the constant one.
+fn report_cut(parts: &[EncodedChunk], (splats, rest): (usize, usize), notes: &mut Notes) {
     let [scales, colours, harmonics] = [0, 1, 2].map(|which| {
         parts.iter().map(|part| part.cut[which]).fold(Cut::default(), |sum, part| Cut {
             count: sum.count + part.count,
             steps: sum.steps.max(part.steps),
         })
     });
-    let width = 3 * splats.len() as u64;
+    let width = 3 * splats as u64;
     let beyond = |which: &str, of: u64, cut: Cut, range: &str, loss: String| {
         format!(
             "{which} outside the range of SPZ, {range}, were clamped to this range ({} of {of}); {loss}",
@@ -180,15 +200,6 @@ pub(super) fn encode(
         if cut.count > 0 {
             notes.warning(id, text);
         }
-    }
-    let mut header = b"NGSP".to_vec();
-    header.extend_from_slice(&version.to_le_bytes());
-    header.extend_from_slice(&count.to_le_bytes());
-    header.extend_from_slice(&[splats.sh_degree as u8, bits as u8, u8::from(splats.antialiased), 0]);
-    let stream = |which: usize| parts.iter().flat_map(move |part| &part.streams[which]).copied();
-    match version {
-        4 => streams_apart(header, |which| stream(which).collect(), cx),
-        _ => one_stream(header.into_iter().chain((0..6).flat_map(stream)).collect(), cx),
     }
 }
 

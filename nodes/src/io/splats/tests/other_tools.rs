@@ -294,6 +294,69 @@ fn one_level_of_a_streamed_scene_is_read() {
     assert!(error.message().contains("unpack it"), "{error}");
 }
 
+/// The bytes with a carriage return in place of each line feed before the end of the header, and its line end.
+fn old_macintosh(bytes: &[u8]) -> Vec<u8> {
+    let end = bytes.windows(11).position(|at| at == b"end_header\n").unwrap() + 11;
+    let head = bytes[..end].iter().map(|byte| if *byte == b'\n' { b'\r' } else { *byte });
+    head.chain(bytes[end..].iter().copied()).collect()
+}
+
+// Lines that end with carriage returns only, and comments in Latin-1. An earlier version refused both, the first with
+// misleading messages.
+#[test]
+fn headers_with_other_line_ends_and_encodings_are_read() {
+    let fields = floats(&FIELDS);
+    let (wanted, _) = read(&table("ascii", &[], &fields, &rows(70))).unwrap();
+    for encoding in ENCODINGS {
+        let bytes = table(encoding, &["made here"], &fields, &rows(70));
+        let (splats, notes) = read(&old_macintosh(&bytes)).unwrap_or_else(|e| panic!("{encoding}: {e}"));
+        assert!(splats == wanted && notes.iter().count() == 0, "{encoding}");
+        // `é` in Latin-1.
+        let at = bytes.windows(9).position(|at| at == b"made here").unwrap();
+        let latin = [&bytes[..at], b"mad\xe9 here", &bytes[at + 9..]].concat();
+        let (splats, _) = read(&latin).unwrap_or_else(|e| panic!("{encoding}: {e}"));
+        assert!(splats == wanted, "{encoding}");
+    }
+    let text = String::from_utf8(table("ascii", &[], &fields, &rows(70))).unwrap();
+    for ends in ["\r", "\r\n", "\r\r\n"] {
+        assert!(read(text.replace('\n', ends).as_bytes()).unwrap().0 == wanted, "{ends:?}");
+    }
+}
+
+// A `.splat` file has no header, so any file whose size is a multiple of 32 was one.
+#[test]
+fn text_is_not_read_as_splats() {
+    for line in ["0.511822,0.950464,0.144160\n", "v 0.511822 0.950464 0.144160\n", "cl\u{e9}ment 1 2 3\r\n"] {
+        for count in [32, 33, 500] {
+            let mut text = line.repeat(count).into_bytes();
+            text.resize(text.len().next_multiple_of(32), b' ');
+            let error = read(&text).err().unwrap_or_else(|| panic!("{line} is read"));
+            assert!(error.message().contains("a text, but not of a known format of splats"), "{error}");
+        }
+    }
+    // Centres that begin like JPEG XL.
+    let mut splat = build::splat(3);
+    splat[..4].copy_from_slice(&f32::from_bits(0x3f80_0aff).to_le_bytes());
+    assert_eq!(read(&splat).unwrap().0.len(), 3);
+    assert!(read(b"\xff\x0a and the rest of it").is_err_and(|e| e.message().contains("JPEG XL")));
+}
+
+// Pictures of a SOG scene that were not fetched, and their names as Windows writes them.
+#[test]
+fn pictures_of_sog_that_are_something_else_are_named() {
+    let mut files = build::sog(2);
+    let name = files[1].0.clone();
+    files[1].1 = b"version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 3\n".to_vec();
+    let error = read(&build::zip("", &files, false)).err().unwrap();
+    assert!(error.message().contains("git lfs pull") && error.message().contains(&name), "{error}");
+    let mut files = build::sog(2);
+    let (wanted, _) = read(&build::zip("", &files, false)).unwrap();
+    let meta = String::from_utf8(files[0].1.clone()).unwrap();
+    assert!(meta.contains(&format!("\"{name}\"")));
+    files[0].1 = meta.replace(&format!("\"{name}\""), &format!("\".\\\\{name}\"")).into_bytes();
+    assert!(read(&build::zip("", &files, false)).unwrap().0 == wanted);
+}
+
 #[test]
 fn pointers_of_git_lfs_are_named() {
     let text = b"version https://git-lfs.github.com/spec/v1\noid sha256:4d7a214614ab2935c943f9e0ff69d22e\nsize 12345\n";

@@ -3,7 +3,7 @@
 use engine::{Context, NodeError, Notes, SourceFile};
 
 use super::super::means::{Field, VALUES};
-use super::super::view::View;
+use super::super::view::ViewLayers;
 
 pub(in super::super) fn sources() -> Result<Vec<SourceFile>, NodeError> {
     Err(NodeError::new("this build lacks the feature `oidn`, which loads Open Image Denoise")
@@ -11,7 +11,7 @@ pub(in super::super) fn sources() -> Result<Vec<SourceFile>, NodeError> {
         .hint("build it with `--features oidn`, or use `Means`"))
 }
 
-pub(in super::super) fn tell(_: &mut Notes) -> Result<(), NodeError> {
+pub(in super::super) fn report(_: &mut Notes) -> Result<(), NodeError> {
     sources().map(|_| ())
 }
 
@@ -20,7 +20,7 @@ pub(in super::super) fn bytes(_: usize) -> u64 {
 }
 
 pub(in super::super) fn filter(
-    _: &View<'_>,
+    _: &ViewLayers<'_>,
     _: [&Field; 2],
     _: &Context,
 ) -> Result<[Vec<[f32; VALUES]>; 2], NodeError> {

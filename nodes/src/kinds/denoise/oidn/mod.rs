@@ -6,6 +6,6 @@ mod absent;
 mod present;
 
 #[cfg(not(feature = "oidn"))]
-pub(super) use absent::{bytes, filter, sources, tell};
+pub(super) use absent::{bytes, filter, report, sources};
 #[cfg(feature = "oidn")]
-pub(super) use present::{bytes, filter, sources, tell};
+pub(super) use present::{bytes, filter, report, sources};

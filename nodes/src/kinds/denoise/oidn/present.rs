@@ -10,7 +10,7 @@ use engine::{Context, NodeError, Notes, SourceFile};
 use oidn::{Error, Found, Library, Surfaces};
 
 use super::super::means::{Field, VALUES};
-use super::super::view::{BRIGHTEST, View};
+use super::super::view::{BRIGHTEST, ViewLayers};
 
 fn found() -> Result<Found, NodeError> {
     oidn::find().map_err(|e| NodeError::new(e.to_string()).at("method").hint(oidn::Missing::HINT))
@@ -39,7 +39,7 @@ pub(in super::super) fn sources() -> Result<Vec<SourceFile>, NodeError> {
     Ok(vec![SourceFile { name, path }])
 }
 
-pub(in super::super) fn tell(notes: &mut Notes) -> Result<(), NodeError> {
+pub(in super::super) fn report(notes: &mut Notes) -> Result<(), NodeError> {
     let text = format!(
         "filtered by Open Image Denoise {}, which may give different bytes on another processor",
         library()?.version()
@@ -57,7 +57,7 @@ pub(in super::super) fn bytes(pixels: usize) -> u64 {
 /// Averages of the receiver and of the object, in the form that `Field::average` returns. Each is computed by
 /// one thread.
 pub(in super::super) fn filter(
-    view: &View<'_>,
+    view: &ViewLayers<'_>,
     [receiver, object]: [&Field; 2],
     cx: &Context,
 ) -> Result<[Vec<[f32; VALUES]>; 2], NodeError> {
@@ -104,7 +104,7 @@ fn lit(
 fn inserted(
     library: &Library,
     size: [usize; 2],
-    view: &View<'_>,
+    view: &ViewLayers<'_>,
     field: &Field,
     goes_on: &(dyn Fn() -> bool + Sync),
 ) -> Result<Vec<[f32; VALUES]>, Error> {

@@ -68,11 +68,11 @@ fn a_sunk_foot_is_lit_like_one_on_the_floor() {
 /// `lit_share`.
 #[test]
 fn what_is_beyond_the_walls_takes_no_light() {
-    let beside = |low: [f32; 3], high: [f32; 3]| box_mesh(low, high, true);
+    let block = |low: [f32; 3], high: [f32; 3]| box_mesh(low, high, true);
     let nothing = Mesh::default();
     let outer = box_mesh([-2.2, -2.2, -0.2], [2.2, 2.2, 4.2], false);
-    let next = beside([2.2, -2.0, 0.0], [6.2, 2.0, 4.0]);
-    let storey = beside([-2.0, -2.0, 4.3], [2.0, 2.0, 8.3]);
+    let next = block([2.2, -2.0, 0.0], [6.2, 2.0, 4.0]);
+    let storey = block([-2.0, -2.0, 4.3], [2.0, 2.0, 8.3]);
     let twice = box_mesh([-2.0, -2.0, 0.0], [2.0, 2.0, 4.0], false);
     let object = [ball(0.5, matte(0.5), DVec3::new(0.5, 0.5, 1.0))];
     let seen = |mesh: &Mesh| {
@@ -92,7 +92,7 @@ fn what_is_beyond_the_walls_takes_no_light() {
     // All light also passes if otherwise nearly none would arrive: here through a hole in the ceiling, in a hall.
     let mut walls = [room(), box_mesh([-2.2, -2.2, -0.2], [2.2, 2.2, 4.2], false)];
     walls.iter_mut().for_each(|mesh| _ = mesh.triangles.remove(2));
-    let holed = walls.into_iter().fold(beside([-10.0; 3], [10.0; 3]), merge);
+    let holed = walls.into_iter().fold(block([-10.0; 3], [10.0; 3]), merge);
     for mesh in [merge(room(), twice), holed] {
         let (found, reported) = seen(&mesh);
         assert!(

@@ -133,6 +133,32 @@ fn a_shadow_alone_is_the_shadow() {
     assert!(samples(&alone.normal).chunks(3).all(|n| n[2] > 0.99 || n == [0.0; 3]));
 }
 
+/// An object that is inside out is black whatever the number of bounces, so the advice is about its faces; and one
+/// that is seen only from behind is reported as that. In an earlier version the advice was to raise `max_bounces`, or
+/// to check the axes.
+#[test]
+fn faces_seen_from_behind_are_reported_as_that() {
+    let camera = rig(DVec3::new(0.0, -4.0, 0.5), DVec3::new(0.0, 0.0, 0.5), 16, 24.0);
+    let single = Material { double_sided: false, ..matte(0.9) };
+    let has = |notes: &Notes, id: &str| notes.iter().any(|note| note.id == id);
+    for (inward, max_bounces) in [(true, 4), (true, 64), (false, 4)] {
+        let cube = box_mesh([-0.5, -0.5, 0.0], [0.5, 0.5, 1.0], inward);
+        let params = PathTrace { max_bounces, ..params(4, Surroundings::OPEN) };
+        let object = [placed(&cube, single.clone(), DVec3::ZERO)];
+        let (out, notes) = render(&params, &plane(4.0), &object, &camera, &white());
+        assert_eq!(has(&notes, "faces-from-behind"), inward, "{max_bounces}");
+        assert!(!has(&notes, "paths-cut"), "{inward} {max_bounces}");
+        assert_eq!(covered(&out.object) < 0.01, inward);
+    }
+    let away =
+        Mesh { triangles: plane(0.5).triangles.iter().map(|t| [t[0], t[2], t[1]]).collect(), ..plane(0.5) };
+    let above = rig(DVec3::new(0.0, -2.0, 3.0), DVec3::new(0.0, 0.0, 0.5), 16, 24.0);
+    let object = [placed(&away, single, DVec3::new(0.0, 0.0, 0.5))];
+    let (_, notes) = render(&params(4, Surroundings::OPEN), &plane(4.0), &object, &above, &white());
+    let note = notes.iter().find(|note| note.id == "objects-not-seen");
+    assert!(note.is_some_and(|note| note.text.contains("only from behind")), "{note:?}");
+}
+
 /// Among several objects, an object under the ground or outside the view is named, with the reason. An object
 /// behind or inside another object, which may be made of glass, is not named. This test fails if `unseen` does not
 /// call `is_before`, or if `met` is always true.

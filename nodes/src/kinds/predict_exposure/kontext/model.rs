@@ -40,11 +40,11 @@ impl Kontext<'_> {
             let first = root.file(file);
             for shard in learned::flux::shards(&first.path) {
                 let name = shard.file_name().unwrap_or_default().to_string_lossy().into_owned();
-                files.push(if shard == first.path { first.clone() } else { root.beside(&first, &name) });
+                files.push(if shard == first.path { first.clone() } else { root.sibling(&first, &name) });
             }
         }
         for file in [self.transformer, self.vae] {
-            let config = root.beside(&root.file(file), "config.json");
+            let config = root.sibling(&root.file(file), "config.json");
             if config.path.exists() && !files.contains(&config) {
                 files.push(config);
             }
@@ -63,7 +63,7 @@ impl Kontext<'_> {
         pixels: &LinearPixels,
         mask: &[bool],
         darkest: f64,
-        books: &mut EnergyTable,
+        energies: &mut EnergyTable,
         notes: &mut Notes,
         cx: &Context,
     ) -> Result<Vec<f32>, NodeError> {
@@ -103,7 +103,7 @@ impl Kontext<'_> {
             made.iter().map(learned::flux::samples).collect::<Result<Vec<_>, _>>().map_err(error)?;
         let gains = gains(&small, &exposures);
         if mask.contains(&true) {
-            record(books, (width, height), &small, &gains, pixels, mask, cx)?;
+            record(energies, (width, height), &small, &gains, pixels, mask, cx)?;
         }
         let (mut log2_gain, mut still) = (vec![0.0; mask.len()], 0);
         for (at, gain) in log2_gain.iter_mut().enumerate().filter(|(at, _)| mask[*at]) {
@@ -122,7 +122,7 @@ impl Kontext<'_> {
 /// light of `small` after the gains are applied. Each gain is applied to the fraction of the pixel that is clipped
 /// in the panorama.
 fn record(
-    books: &mut EnergyTable,
+    energies: &mut EnergyTable,
     (width, height): (usize, usize),
     small: &[f32],
     gains: &[(f32, bool)],
@@ -133,7 +133,7 @@ fn record(
     let plane = width * height;
     let shown = |at: usize| f64::from(luminance([0, 1, 2].map(|c| linear_from_srgb(small[c * plane + at]))));
     let mut light: Vec<f64> = (0..plane).map(shown).collect();
-    books.record_panorama("input of the model", width, &light, cx)?;
+    energies.record_panorama("input of the model", width, &light, cx)?;
     let mut clipped = vec![[0.0; 2]; plane];
     for (at, is) in mask.iter().enumerate() {
         let (x, y) = (at % pixels.width * width / pixels.width, at / pixels.width * height / pixels.height);
@@ -143,7 +143,7 @@ fn record(
     for ((light, (gain, _)), [part, all]) in light.iter_mut().zip(gains).zip(clipped) {
         *light *= 1.0 + part / f64::max(all, 1.0) * (num::f64::exp2(f64::from(*gain)) - 1.0);
     }
-    books.record_panorama("output of the model", width, &light, cx)
+    energies.record_panorama("output of the model", width, &light, cx)
 }
 
 fn error(error: Error) -> NodeError {

@@ -106,7 +106,7 @@ impl Hidden {
 pub(super) fn predict(
     network: &Network,
     clipped: &Clipped<'_>,
-    books: &mut EnergyTable,
+    energies: &mut EnergyTable,
     cx: &Context,
 ) -> Result<(Vec<f32>, Vec<RegionLight>), NodeError> {
     let Clipped { up, pixels, mask, ceiling, ref grid, ref labels, .. } = *clipped;
@@ -118,7 +118,7 @@ pub(super) fn predict(
     let mut light: Vec<f64> = grid.rgb.iter().map(|rgb| luminance(*rgb)).collect();
     let mut enter = |step: &'static str, light: &[f64]| {
         let cell = |c: usize| (grid.direction(up, c), grid.solid_angle(c), light[c]);
-        books.record(step, grid.height, cx, |y| (y * grid.width..(y + 1) * grid.width).map(cell))
+        energies.record(step, grid.height, cx, |y| (y * grid.width..(y + 1) * grid.width).map(cell))
     };
     if !scene.cells.is_empty() {
         enter("on the grid", &light)?;

@@ -197,18 +197,18 @@ mod tests {
     fn wrong_weights_are_refused_by_name() {
         let shipped = SafeTensors::deserialize(WEIGHTS).expect("is sound");
         for name in shipped.names().into_iter().map(String::from) {
-            let said =
+            let message =
                 |result: Result<Network, Error>| result.err().map(|e| e.to_string()).unwrap_or_default();
-            let missing = said(changed(|n, _, _| n != name));
+            let missing = message(changed(|n, _, _| n != name));
             assert!(missing.contains(&format!("`{name}` is missing")), "{missing}");
-            let nan = said(changed(|n, _, bytes| {
+            let nan = message(changed(|n, _, bytes| {
                 if n == name {
                     bytes[1] = 0x7e;
                 }
                 true
             }));
             assert!(nan.contains(&name) && nan.contains("NaN"), "{nan}");
-            let longer = said(changed(|n, shape, bytes| {
+            let longer = message(changed(|n, shape, bytes| {
                 if n == name {
                     let last = shape.len() - 1;
                     let rows: usize = shape[..last].iter().product();

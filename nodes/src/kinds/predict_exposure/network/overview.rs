@@ -6,7 +6,7 @@
 
 use glam::DVec3;
 
-use super::scene::{OVERVIEW, View, log2};
+use super::scene::{GridQuantities, OVERVIEW, log2};
 use crate::light::regions;
 use crate::math::equirect::axes;
 use crate::math::num;
@@ -28,7 +28,7 @@ const REACH: usize = 8;
 /// Minimum unclipped share of a window in which walls are evaluated.
 const OPEN: f64 = 0.06;
 
-impl View<'_> {
+impl GridQuantities<'_> {
     /// Computes the features, given the cells of each region and their solid angles.
     pub fn overview(&self, members: &[Vec<usize>], sizes: &[f64]) -> [f32; OVERVIEW] {
         let sphere = 4.0 * std::f64::consts::PI;

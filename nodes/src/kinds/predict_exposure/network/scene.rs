@@ -67,7 +67,7 @@ struct Region {
 }
 
 /// Quantities per cell that the features are computed from.
-pub(super) struct View<'a> {
+pub(super) struct GridQuantities<'a> {
     pub grid: &'a Grid,
     pub up: Up,
     /// For each row, the solid angle of one cell.
@@ -94,7 +94,7 @@ pub(super) fn log2(v: f64, least: f64) -> f64 {
     num::f64::log2(v.max(least))
 }
 
-impl<'a> View<'a> {
+impl<'a> GridQuantities<'a> {
     /// Computes the quantities of a panorama whose white level is `ceiling`. Light is scaled so that white becomes
     /// 1.
     fn new(grid: &'a Grid, up: Up, ceiling: f64) -> Self {
@@ -234,7 +234,7 @@ impl Scene {
     /// Describes a panorama. `labels` are its clipped regions, and `ceiling` is its white level. Features are
     /// normalised to a white level of 1, as in training; fluxes are in the unit of the panorama.
     pub(in super::super) fn new(grid: &Grid, up: Up, labels: &Regions, ceiling: f64) -> Self {
-        let view = View::new(grid, up, ceiling);
+        let view = GridQuantities::new(grid, up, ceiling);
         let mut members = vec![Vec::new(); labels.count];
         for (cell, region) in labels.of.iter().enumerate() {
             if let Some(region) = region {

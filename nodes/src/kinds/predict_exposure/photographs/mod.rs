@@ -95,7 +95,7 @@ impl Photograph {
     }
 
     /// Warns if the photograph contradicts the brighter pictures.
-    fn tell(&self, shown: &[Off], white: &[Off], notes: &mut Notes) {
+    fn report(&self, shown: &[Off], white: &[Off], notes: &mut Notes) {
         let taken = format!("in `{}`, taken at EV {},", self.name, self.ev);
         let mut off: Vec<f32> = shown.iter().map(|off| off.stops).collect();
         let enough = off.len() >= FEWEST;
@@ -188,7 +188,7 @@ impl Photographs {
                 (y * pixels.width..(y + 1) * pixels.width).filter_map(off).collect::<Vec<_>>()
             })?;
             let (shown, white): (Vec<Off>, Vec<Off>) = rows.concat().into_iter().partition(|off| !off.white);
-            photograph.tell(&shown, &white, notes);
+            photograph.report(&shown, &white, notes);
         }
         Ok(())
     }

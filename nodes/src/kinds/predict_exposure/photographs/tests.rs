@@ -20,9 +20,9 @@ fn light(x: usize) -> f32 {
 }
 
 /// Folder with photographs of the light that [`light`] defines.
-struct Place(TempDir);
+struct Folder(TempDir);
 
-impl Place {
+impl Folder {
     fn new() -> Self {
         let place = Self(tempfile::tempdir().expect("a folder"));
         place.take("a.png", -3.0, (W, H), None);
@@ -42,7 +42,7 @@ impl Place {
         let codes = (0..width * height).flat_map(pixel).collect();
         let channels = if alpha.is_some() { 4 } else { 3 };
         let raster =
-            Raster { width, height, channels, largest: 255, codes, ignored: Vec::new(), linear: false };
+            Raster { width, height, channels, largest: 255, codes, ignored: Vec::new(), colour: None };
         self.write(name, &png::write(&raster, false, &[]).expect("packs"));
     }
 
@@ -104,7 +104,7 @@ fn reported<'a>(notes: &'a Notes, id: &str) -> Vec<&'a str> {
 /// files. This test fails without `.rev()` in `Photographs::gains`.
 #[test]
 fn photographs_tell_the_gain_and_are_the_exposures() {
-    let place = Place::new();
+    let place = Folder::new();
     let (out, notes) = place.measure(pano(0), &["a.png", "b.png"], &[-3.0, -6.0]).expect("runs");
     assert_near(&out.brackets.log2_gain.samples[..4], [1.585, 4.907, 6.0, 0.0]);
     // The sun is white at EV -6 too.
@@ -121,7 +121,7 @@ fn photographs_tell_the_gain_and_are_the_exposures() {
 /// The files show the scene, not the rotated panorama. This test fails if `turned_deg` is 0 in `read`.
 #[test]
 fn photographs_are_turned_with_their_panorama() {
-    let place = Place::new();
+    let place = Folder::new();
     let measure = |turned| {
         let (out, notes) = place.measure(pano(turned), &["a.png", "b.png"], &[-3.0, -6.0]).expect("runs");
         assert!(reported(&notes, "photograph-disagrees").is_empty(), "{notes:?}");
@@ -143,7 +143,7 @@ fn photographs_are_turned_with_their_panorama() {
 /// `alpha` is not checked in `Photograph::shown`.
 #[test]
 fn alpha_takes_no_light() {
-    let place = Place::new();
+    let place = Folder::new();
     place.take("half.png", -3.0, (W, H), Some((128, false)));
     place.take("hole.png", -3.0, (W, H), Some((255, true)));
     assert_near(&place.gains(&["half.png", "b.png"], &[-3.0, -6.0]).0, [1.585, 4.907, 6.0, 0.0]);
@@ -166,7 +166,7 @@ fn alpha_takes_no_light() {
 /// Linear files are never clipped. This test fails if `Photograph::shown` treats them like display-encoded files.
 #[test]
 fn linear_light_has_no_ceiling() {
-    let place = Place::new();
+    let place = Folder::new();
     place.take_linear("a.exr", -3.0);
     let (out, notes) = place.measure(pano(0), &["a.exr"], &[-3.0]).expect("runs");
     assert_near(&out.brackets.log2_gain.samples[..4], [1.585, 4.907, 9.814, 0.0]);
@@ -182,7 +182,7 @@ fn linear_light_has_no_ceiling() {
 /// `middle`, `apart` or `short` is always 0.
 #[test]
 fn photographs_that_contradict_the_panorama_are_reported() {
-    let place = Place::new();
+    let place = Folder::new();
     let (_, notes) = place.gains(&["b.png", "a.png"], &[-3.0, -6.0]);
     let found = reported(&notes, "photograph-disagrees");
     assert!(found.len() == 2 && found[0].starts_with("in `b.png`, taken at EV -3, "));
@@ -190,7 +190,7 @@ fn photographs_that_contradict_the_panorama_are_reported() {
     let code = |at: usize| u16::from(code8(srgb_from_linear([0.002_f32, 0.04, 0.9][at * 7 % 3])));
     let codes = (0..W * H).flat_map(|at| [code(at); 3]).collect();
     let raster =
-        Raster { width: W, height: H, channels: 3, largest: 255, codes, ignored: Vec::new(), linear: false };
+        Raster { width: W, height: H, channels: 3, largest: 255, codes, ignored: Vec::new(), colour: None };
     place.write("elsewhere.png", &png::write(&raster, false, &[]).expect("packs"));
     let (_, notes) = place.gains(&["elsewhere.png"], &[-3.0]);
     assert_eq!(reported(&notes, "photograph-disagrees").len(), 1, "{notes:?}");
@@ -199,7 +199,7 @@ fn photographs_that_contradict_the_panorama_are_reported() {
     let code = |at: usize| u16::from(code8(srgb_from_linear((other(at % W) / 8.0).min(1.0))));
     let codes = (0..W * H).flat_map(|at| [code(at); 3]).collect();
     let raster =
-        Raster { width: W, height: H, channels: 3, largest: 255, codes, ignored: Vec::new(), linear: false };
+        Raster { width: W, height: H, channels: 3, largest: 255, codes, ignored: Vec::new(), colour: None };
     place.write("lamps.png", &png::write(&raster, false, &[]).expect("packs"));
     let (_, notes) = place.gains(&["lamps.png"], &[-3.0]);
     let found = reported(&notes, "photograph-disagrees");
@@ -214,7 +214,7 @@ fn photographs_that_contradict_the_panorama_are_reported() {
 /// > 0`.
 #[test]
 fn files_are_read_where_nothing_is_clipped() {
-    let place = Place::new();
+    let place = Folder::new();
     place.take("small.png", -6.0, (32, 16), None);
     let dim = || {
         let mut pano = pano(0);
@@ -236,7 +236,7 @@ fn files_are_read_where_nothing_is_clipped() {
 /// `add_clipped` is not called, if `BRIGHTER` is 0, or if `measured` is false in `fuse`.
 #[test]
 fn light_that_photographs_show_above_an_early_white_is_found() {
-    let place = Place::new();
+    let place = Folder::new();
     let early = |white: f32| {
         let plain = pano(0);
         let Picture::Srgb(image) = &plain.image else { panic!("display colours") };

@@ -81,7 +81,7 @@ impl Course {
     pub fn new(
         panoramas: Vec<(String, Image<Linear>)>,
         plan: &Plan,
-        tell: &mut dyn FnMut(Progress) -> bool,
+        on_progress: &mut dyn FnMut(Progress) -> bool,
     ) -> Result<Option<Self>, Error> {
         let mut places: Vec<String> = panoramas.iter().map(|(name, _)| place(name).to_owned()).collect();
         places.sort();
@@ -123,7 +123,7 @@ impl Course {
                     course.held.push(HeldOut { name: name.clone(), place, plain: example, fine });
                 }
             }
-            if !tell(Progress::Examples(index + 1, total)) {
+            if !on_progress(Progress::Examples(index + 1, total)) {
                 return Ok(None);
             }
         }
@@ -137,7 +137,8 @@ impl Course {
                 course.places.push(None);
                 course.shots.push(0);
             }
-            if !tell(Progress::Examples(total - plan.procedural as usize + index as usize + 1, total)) {
+            if !on_progress(Progress::Examples(total - plan.procedural as usize + index as usize + 1, total))
+            {
                 return Ok(None);
             }
         }

@@ -62,15 +62,15 @@ pub fn read(name: &str, bytes: &[u8]) -> Result<Image<Linear>, Error> {
 }
 
 /// Trains the networks. Each finished network is stored in the folder `parts`, so that it need not be trained
-/// again. `tell` receives the progress and returns whether to continue. Returns `None` if `tell` stopped the
+/// again. `on_progress` receives the progress and returns whether to continue. Returns `None` if `on_progress` stopped the
 /// training.
 pub fn train(
     panoramas: Vec<(String, Image<Linear>)>,
     plan: &Plan,
     parts: &Path,
-    tell: &mut dyn FnMut(Progress) -> bool,
+    on_progress: &mut dyn FnMut(Progress) -> bool,
 ) -> Result<Option<Trained>, Error> {
-    let Some(course) = Course::new(panoramas, plan, tell)? else { return Ok(None) };
+    let Some(course) = Course::new(panoramas, plan, on_progress)? else { return Ok(None) };
     let digest = Digest::of(format!("{} {:?} {}", plan.seed, plan.recipe, course.digest()).as_bytes());
     let parts = parts.join(digest.to_string());
     let networks = (plan.folds + 1) * plan.members;
@@ -101,12 +101,12 @@ pub fn train(
                 continue;
             }
             let examples = scaled.get_or_insert_with(|| course.scaled(&scales, &amount));
-            let mut say = |step, loss| {
+            let mut on_step = |step, loss| {
                 let (network, steps) = (number, plan.recipe.steps);
-                tell(Progress::Step { network, networks, step, steps, loss })
+                on_progress(Progress::Step { network, networks, step, steps, loss })
             };
             let seed = plan.seed.wrapping_mul(1_000_003).wrapping_add(member as u64);
-            let network = exposure::train(examples, &chosen, &plan.recipe, seed, &mut say)
+            let network = exposure::train(examples, &chosen, &plan.recipe, seed, &mut on_step)
                 .map_err(|error| Error::Mismatch(format!("training failed: {error}")))?;
             let Some(network) = network else { return Ok(None) };
             weights::write_part(&path, &network)?;

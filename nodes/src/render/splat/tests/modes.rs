@@ -104,7 +104,7 @@ fn the_splats_of_a_surface_are_not_in_front_of_it() {
     let mut splats = cloud(400, 3);
     for i in 0..400 {
         let (x, y) = ((i % 20) as f32 * 0.2 - 1.9, (i / 20) as f32 * 0.2 - 1.9);
-        (splats.means[i], splats.scales[i]) = ([x, y, 4.0 + noise(i)], [0.1, 0.002, 0.04]);
+        (splats.means[i], splats.scales[i]) = ([x, y, 4.0 + noise(i)], [0.1, 0.04, 0.002]);
         (splats.quats[i], splats.opacities[i]) = ([1.0, 0.0, 0.0, 0.0], 0.9);
     }
     let camera = camera(50, 40, 50.0);
@@ -127,7 +127,8 @@ fn the_splats_of_a_surface_are_not_in_front_of_it() {
 }
 
 // A mesh that lies below its splats by a third of their size, seen at 20 degrees, has none of them in front of it
-// by default. This test fails if the default of `limit_sigmas` is 3.
+// by default, and a surface another size below has all of them. This test fails if the default of `limit_sigmas` is
+// 0.5 or 5, or if the limit is compared with the depths of centres.
 #[test]
 fn a_mesh_a_little_under_its_splats_keeps_them() {
     let turned = |degrees: f64| {
@@ -146,21 +147,30 @@ fn a_mesh_a_little_under_its_splats_keeps_them() {
         splats.quats[i] = [half_cos, half_sin, 0.0, 0.0];
     }
     let camera = camera(400, 320, 50.0);
-    let depth = |i: usize| {
-        let [u, v] = [(i % 400) as f32 - 199.5, (i / 400) as f32 - 159.5];
-        let ray = [u / camera.fx as f32, v / camera.fy as f32, 1.0];
-        let depth = (dot(middle, normal) - 0.02) / dot(ray, normal);
-        if depth > 0.0 { depth } else { f32::INFINITY }
+    let below = |by: f32| {
+        let depth = |i: usize| {
+            let [u, v] = [(i % 400) as f32 - 199.5, (i / 400) as f32 - 159.5];
+            let ray = [u / camera.fx as f32, v / camera.fy as f32, 1.0];
+            let depth = (dot(middle, normal) - by) / dot(ray, normal);
+            if depth > 0.0 { depth } else { f32::INFINITY }
+        };
+        Image::<Data>::from_samples(400, 320, 1, (0..400 * 320).map(depth).collect())
     };
-    let mesh = Image::<Data>::from_samples(400, 320, 1, (0..400 * 320).map(depth).collect());
-    let most = |sigmas: f64| {
-        let seen = render(&splats, &camera, Some(Limit { depth: &mesh, sigmas }), &F64, &context());
-        let seen = seen.expect("renders");
-        // In the rows in the middle, where a ray falls by 18 to 22 degrees.
-        (150 * 400..170 * 400).map(|i| seen.rgba[4 * i + 3]).fold(0.0, f32::max)
-    };
-    let usual = crate::kinds::splat_render::SplatRender::default().limit_sigmas;
-    assert!(most(3.0) > 0.05 && most(usual) < 0.05, "{} {}", most(3.0), most(usual));
+    for settings in [F64, Settings { precision: Precision::F32, ..F64 }] {
+        let range = |by: f32, sigmas: f64| {
+            let limit = below(by);
+            let seen = render(&splats, &camera, Some(Limit { depth: &limit, sigmas }), &settings, &context());
+            let seen = seen.expect("renders");
+            // In the rows in the middle, where a ray falls by 18 to 22 degrees.
+            let alphas = (150..170).flat_map(|y| (120..280).map(move |x| 400 * y + x));
+            let alphas = alphas.map(|i| seen.rgba[4 * i + 3]);
+            alphas.fold((1.0_f32, 0.0_f32), |(least, most), alpha| (least.min(alpha), most.max(alpha)))
+        };
+        let usual = crate::kinds::splat_render::SplatRender::default().limit_sigmas;
+        let (mesh, far, all) = (range(0.02, usual), range(0.08, usual), range(9.0, usual));
+        assert!(range(0.02, 0.5).1 > 0.05 && mesh.1 < 0.05, "{mesh:?}");
+        assert!(range(0.08, 5.0).0 < 0.1 && far.0 > 0.8 * all.0, "{far:?} of {all:?}");
+    }
 }
 
 // An empty picture is not an error, but a warning with its probable cause.

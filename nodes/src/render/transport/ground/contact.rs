@@ -15,7 +15,7 @@ use glam::DVec3;
 
 use super::limits::{LARGEST, SMOOTHEST};
 use super::side::Side;
-use crate::geometry::support::Level;
+use crate::geometry::support::GroundPlane;
 use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::scene::supports::{Ground, STEEPEST, Support};
 use crate::types::Placed;
@@ -25,7 +25,7 @@ use crate::types::Placed;
 const FARTHEST: f64 = 0.5;
 /// True if the mesh is close enough to the base of an object to support it; `metre` is the length of a metre in
 /// world units.
-pub(crate) fn is_near(measured: &Level, metre: f64) -> bool {
+pub(crate) fn is_near(measured: &GroundPlane, metre: f64) -> bool {
     measured.height.abs() <= LARGEST * metre
 }
 
@@ -33,9 +33,9 @@ pub(crate) fn is_near(measured: &Level, metre: f64) -> bool {
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Measured {
     /// Level of the ground below the object, even if it is too far away to support the object.
-    pub ground: Option<Level>,
+    pub ground: Option<GroundPlane>,
     /// Levels of the surfaces that the flat sides of the object rest on.
-    pub sides: Vec<Level>,
+    pub sides: Vec<GroundPlane>,
 }
 
 /// Converts a side of an object to a [`Support`] in the frame of the scene. `reach` is the error of the mesh in
@@ -82,7 +82,7 @@ pub fn measure(
             let measured = [LARGEST, FARTHEST]
                 .into_iter()
                 .find_map(|largest| foot.ground(receiver, origin, largest * metre));
-            let near = |measured: &Level| is_near(measured, metre);
+            let near = |measured: &GroundPlane| is_near(measured, metre);
             let reach = match (fixed, measured) {
                 (Some(metres), _) => metres * metre,
                 (None, Some(measured)) if near(&measured) && measured.roughness > SMOOTHEST * metre => {
@@ -148,7 +148,7 @@ mod tests {
         Arc::new(Placed { object: Arc::new(object), world_from_object })
     }
 
-    fn measured(mesh: &Mesh, z: f64) -> (Ground, Option<Level>) {
+    fn measured(mesh: &Mesh, z: f64) -> (Ground, Option<GroundPlane>) {
         let receiver = Receiver::new(mesh, DVec3::ZERO);
         let (ground, found) =
             measure((&receiver, false), &[(slab(z), true)], DVec3::ZERO, DVec3::Z, 1.0, None);

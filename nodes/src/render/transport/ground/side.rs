@@ -4,7 +4,7 @@ use glam::{DMat3, DVec3, Vec3};
 
 use super::limits::{LARGEST, SMOOTHEST, TOUCHING};
 use crate::geometry::bvh::Ray;
-use crate::geometry::support::{Foot, Level, corners};
+use crate::geometry::support::{Foot, GroundPlane, corners};
 use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::scene::supports::STEEPEST;
 use crate::types::Placed;
@@ -144,11 +144,16 @@ impl Side {
     }
 
     /// Level of the mesh at a foot. A surface above the foot that faces down is a ceiling and does not count.
-    pub(crate) fn ground(&self, receiver: (&Receiver, bool), origin: DVec3, largest: f64) -> Option<Level> {
+    pub(crate) fn ground(
+        &self,
+        receiver: (&Receiver, bool),
+        origin: DVec3,
+        largest: f64,
+    ) -> Option<GroundPlane> {
         let hits = self.heights(receiver, origin, largest).into_iter();
         let heights: Vec<_> = hits.filter(|(at, faces)| *faces || at[2] <= 0.0).map(|(at, _)| at).collect();
         let enough = heights.len() as f64 >= STANDS * f64::from(GRID * GRID);
-        if enough { Level::of(&heights) } else { None }
+        if enough { GroundPlane::of(&heights) } else { None }
     }
 
     /// Reason why there is no receiver below most of the side, at any distance. `None` if the receiver is below it.
@@ -187,7 +192,7 @@ impl Side {
         origin: DVec3,
         metre: f64,
         fixed: Option<f64>,
-    ) -> Option<(Level, f64)> {
+    ) -> Option<(GroundPlane, f64)> {
         let hits = self.heights(receiver, origin, LARGEST * metre).into_iter();
         let heights: Vec<_> = hits.filter(|(_, faces)| *faces).map(|(at, _)| at).collect();
         let own = self.own();
@@ -197,7 +202,7 @@ impl Side {
         if (found as f64) < AGAINST * sent as f64 {
             return None;
         }
-        let level = Level::of(&heights)?;
+        let level = GroundPlane::of(&heights)?;
         let noise = 3.0 * level.roughness;
         let tilt = level.slope[0].abs() * own[0] + level.slope[1].abs() * own[1];
         let gap = fixed.map_or((noise + SMOOTHEST * metre).min(TOUCHING * metre), |metres| metres * metre);

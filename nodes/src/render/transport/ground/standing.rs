@@ -8,7 +8,7 @@ use super::limits::{LARGEST, TOUCHING};
 use super::probe::Probe;
 use super::side::{Side, Unsupported};
 use crate::geometry::bvh::Hit;
-use crate::geometry::support::Level;
+use crate::geometry::support::GroundPlane;
 use crate::render::transport::scene::coincident::find_touching;
 use crate::render::transport::scene::objects::Objects;
 use crate::render::transport::scene::receiver::Receiver;
@@ -20,9 +20,9 @@ const LOWER: f64 = 0.005;
 /// Supports of the objects, with one entry per object.
 pub(crate) struct Standing {
     /// Level of the ground below each object, even if it is too far away to support the object.
-    pub(crate) ground: Vec<Option<Level>>,
+    pub(crate) ground: Vec<Option<GroundPlane>>,
     /// Levels of the surfaces that the flat sides of each object rest on.
-    pub(crate) sides: Vec<Vec<Level>>,
+    pub(crate) sides: Vec<Vec<GroundPlane>>,
     /// True for each object that stands on another object.
     pub(crate) carried: Vec<bool>,
     /// Extent of each object along the up direction, in world units.

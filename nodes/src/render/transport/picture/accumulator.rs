@@ -42,6 +42,8 @@ pub(crate) struct FinishedView {
     /// Among the samples that show an object, the share in which the limit on bounces ended a path that still
     /// carried most of its light.
     pub(crate) cut: f64,
+    /// Among the samples that show an object, the share that is dark behind the back of a single-sided face.
+    pub(crate) behind: f64,
     /// Number of variances outside the range of single precision.
     pub(crate) beyond: u64,
     /// Share of the pixel chunks that were cropped, and upper bound of the relative change of their light.
@@ -78,6 +80,7 @@ pub(crate) struct Accumulator {
     rays: Rays,
     broken: u64,
     cut: u64,
+    behind: u64,
     /// Total number of pixel chunks, number of pixel chunks that no object changed, and number of cropped pixel
     /// chunks. Cropped chunks are included in the second number. A pixel chunk is one chunk of samples of one
     /// pixel.
@@ -97,6 +100,7 @@ impl Accumulator {
             rays: Rays::default(),
             broken: 0,
             cut: 0,
+            behind: 0,
             pixels: [0; 3],
             bound: 0.0,
         }
@@ -124,6 +128,7 @@ impl Accumulator {
         self.rays += pair.rays;
         self.broken += r0.broken + pair.broken;
         self.cut += pair.cut;
+        self.behind += pair.behind;
         self.pixels[0] += area.pixels() as u64;
         self.pixels[1] += pair.untouched;
         self.pixels[2] += pair.cropped.0;
@@ -269,7 +274,7 @@ pub(crate) fn finish(
     let [traced, untouched, cropped] = accumulator.pixels.map(|n| n as f64);
     row.extend([untouched, cropped].map(|n| Cell::Number(n / traced.max(1.0))));
     let covered: f64 = (0..accumulator.samples.len()).map(|index| accumulator.pixel(index).0[R0 + 7]).sum();
-    let cut = accumulator.cut as f64 / covered.max(1.0);
+    let [cut, behind] = [accumulator.cut, accumulator.behind].map(|count| count as f64 / covered.max(1.0));
     let cropped = (cropped / traced.max(1.0), f64::from(accumulator.bound));
     FinishedView {
         images,
@@ -282,6 +287,7 @@ pub(crate) fn finish(
         broken: accumulator.broken,
         beyond,
         cut,
+        behind,
         cropped,
         reached,
     }

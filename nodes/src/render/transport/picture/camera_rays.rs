@@ -15,13 +15,13 @@ use crate::types::Camera;
 
 /// Parameters of a camera without its name, which has no effect on pixels.
 #[derive(Serialize)]
-pub(crate) struct View<'a> {
+pub(crate) struct CameraParams<'a> {
     size: (u32, u32),
     intrinsics: [f64; 4],
     world_from_camera: &'a [f64; 16],
 }
 
-impl<'a> View<'a> {
+impl<'a> CameraParams<'a> {
     pub(crate) fn of(camera: &'a Camera) -> Self {
         Self {
             size: (camera.width_px, camera.height_px),

@@ -100,6 +100,9 @@ pub struct Sums {
     /// Number of samples that show an object and in which the limit on bounces ended a path that still carried most
     /// of its light.
     pub cut: u64,
+    /// Number of samples that show an object behind the back of a single-sided face, and are black or end in the limit
+    /// on bounces.
+    pub behind: u64,
     /// Number of pixels whose sums equal the sums without objects, bit for bit.
     pub untouched: u64,
     /// Number of cropped pixels, and an upper bound of the relative change of their light.
@@ -120,6 +123,9 @@ pub struct TileSums {
     /// Number of samples that show an object and in which the limit on bounces ended a path that still carried most
     /// of its light.
     pub cut: u64,
+    /// Number of samples that show an object behind the back of a single-sided face, and are black or end in the limit
+    /// on bounces.
+    pub behind: u64,
     /// Number of pixels whose sums equal the sums without objects, bit for bit.
     pub untouched: u64,
     /// Upper bound of the relative change of light, if the tile was cropped.
@@ -173,6 +179,7 @@ impl Sums {
             all.rays += tile.rays;
             all.broken += tile.broken;
             all.cut += tile.cut;
+            all.behind += tile.behind;
             all.untouched += tile.untouched;
             if let Some(bound) = tile.cropped {
                 let (pixels, most) = all.cropped;
@@ -198,7 +205,7 @@ impl Sums {
 
 impl Artifact for Sums {
     const TYPE: &'static str = "path-sums";
-    const FORMAT: u32 = 4;
+    const FORMAT: u32 = 5;
 
     fn encode(&self, to: &mut Encoder) {
         to.u32(self.channels);
@@ -209,6 +216,7 @@ impl Artifact for Sums {
         }
         to.u64(self.broken);
         to.u64(self.cut);
+        to.u64(self.behind);
         to.u64(self.untouched);
         to.u64(self.cropped.0);
         to.f32s(&[self.cropped.1]);
@@ -228,6 +236,7 @@ impl Artifact for Sums {
             },
             broken: from.u64()?,
             cut: from.u64()?,
+            behind: from.u64()?,
             untouched: from.u64()?,
             ..Self::default()
         };

@@ -21,13 +21,13 @@ pub(crate) fn holes(depth: &Image<Data>) -> u64 {
             if x == 0 || y == 0 || x + 1 == width || y + 1 == height {
                 at_edge = true;
             }
-            let beside = [
+            let neighbours = [
                 (x > 0).then(|| at - 1),
                 (x + 1 < width).then_some(at + 1),
                 (y > 0).then(|| at - width),
                 (y + 1 < height).then_some(at + width),
             ];
-            waiting.extend(beside.into_iter().flatten().filter(|&next| std::mem::take(&mut open[next])));
+            waiting.extend(neighbours.into_iter().flatten().filter(|&next| std::mem::take(&mut open[next])));
         }
         found += if at_edge { 0 } else { pixels };
     }

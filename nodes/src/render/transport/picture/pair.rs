@@ -215,12 +215,16 @@ fn show(
     let (ray, objects) = (sample.ray, scene.objects);
     let front = objects.front(ray, sample.points.bits(BLENDED)[0], &mut of_tile.rays.camera);
     let before = |front: &Hit| front.t - objects.slack(front, ray.direction);
-    let Some(front) = front.filter(|front| before(front) <= reach(&mut of_tile.rays)) else { return };
+    let front = front.filter(|(front, _)| before(front) <= reach(&mut of_tile.rays));
+    let Some((front, behind_back)) = front else { return };
     let pass = Pass { spread: camera_rays.spread, ..Pass::new(sample.points, true) };
     let mut integrator = Integrator::new(scene, sample.key, pass);
     let light = integrator.radiance(Vertex::Object(front), ray);
     of_tile.rays += integrator.tally.rays;
-    of_tile.cut += u64::from(integrator.tally.cut);
+    let cut = integrator.tally.cut;
+    // Inside a shape that is inside out there is no light, however long the paths are.
+    of_tile.behind += u64::from(behind_back && (cut || light == Vec3::ZERO));
+    of_tile.cut += u64::from(cut && !behind_back);
     if add(&mut sums[4..], light, &mut of_tile.broken) {
         sums[7] += 1.0;
         sums[8] += squared_luminance(light);

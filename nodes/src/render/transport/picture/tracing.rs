@@ -7,7 +7,7 @@ use engine::{Context, NodeError, Part};
 use serde::Serialize;
 
 use super::accumulator::{Accumulator, FinishedView, finish};
-use super::camera_rays::{CameraRays, View};
+use super::camera_rays::{CameraParams, CameraRays};
 use super::crop::Crop;
 use super::film::FIRST_HIT;
 use super::film::PAIR;
@@ -29,7 +29,7 @@ type Range = (u32, u32);
 /// Values that the key of a part contains in addition to the inputs of the part.
 #[derive(Serialize)]
 struct Extra<'a> {
-    view: View<'a>,
+    view: CameraParams<'a>,
     rules: &'a Rules,
     origin: [f64; 3],
     seed: u64,
@@ -119,7 +119,7 @@ impl<'a> Tracing<'a> {
     /// Values in the key of a part that contains the receiver alone.
     fn of_receiver<'s>(&'s self, camera: &'s Camera, area: Area, range: Range) -> Extra<'s> {
         Extra {
-            view: View::of(camera),
+            view: CameraParams::of(camera),
             rules: self.rules,
             origin: self.prepared.origin.to_array(),
             seed: self.cx.seed(),

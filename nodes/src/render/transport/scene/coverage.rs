@@ -15,7 +15,7 @@ impl Objects {
             return 1.0;
         }
         let (part, material, point) = self.point(hit);
-        if camera && hit.back && !material.double_sided && part.body.is_none() {
+        if camera && self.is_hidden_back(hit) {
             return 0.0;
         }
         if part.opaque {
@@ -32,6 +32,16 @@ impl Objects {
         if there > 0.0 { there.min(1.0) } else { 0.0 }
     }
 
+    /// True if a hit is on the back of a face that is invisible from behind: the material is single-sided, and the
+    /// face does not belong to a body.
+    pub(crate) fn is_hidden_back(&self, hit: &Hit) -> bool {
+        if !hit.back {
+            return false;
+        }
+        let (part, _, _, material) = self.part(hit.triangle);
+        !material.double_sided && part.body.is_none()
+    }
+
     /// Decides at random whether a ray with the random key `key` stops at the surface. The probability is the
     /// coverage of the surface.
     pub fn accepts(&self, hit: &Hit, key: u32, camera: bool) -> bool {
@@ -41,17 +51,26 @@ impl Objects {
 
     /// Surface that is visible along a camera ray. One random number chooses among all surfaces along the ray: each
     /// surface takes its share of the range of numbers that the surfaces in front of it leave. Stratified numbers
-    /// therefore give stratified coverage. One ray is cast for each surface; `rays` counts them.
-    pub fn front(&self, ray: Ray, number: u32, rays: &mut u64) -> Option<Hit> {
+    /// therefore give stratified coverage. One ray is cast for each surface; `rays` counts them. The flag is true if
+    /// the ray passes the back of a face, invisible from behind, before the surface.
+    pub fn front(&self, ray: Ray, number: u32, rays: &mut u64) -> Option<(Hit, bool)> {
         let mut number = fraction(number);
         let mut passed: Option<Hit> = None;
+        // Distance to the nearest back. The search visits every hit that is nearer than its result.
+        let mut back = f32::INFINITY;
         loop {
             *rays += 1;
             let behind = |hit: &Hit| passed.is_none_or(|last| nearer(&last, hit).is_lt());
-            let hit = self.bvh.closest(ray, |hit| behind(hit) && self.coverage(hit, true) > 0.0)?;
+            let hit = self.bvh.closest(ray, |hit| {
+                let there = self.coverage(hit, true) > 0.0;
+                if !there && self.is_hidden_back(hit) {
+                    back = back.min(hit.t);
+                }
+                there && behind(hit)
+            })?;
             let coverage = f64::from(self.coverage(&hit, true));
             if number < coverage {
-                return Some(hit);
+                return Some((hit, back < hit.t));
             }
             number = (number - coverage) / (1.0 - coverage);
             passed = Some(hit);

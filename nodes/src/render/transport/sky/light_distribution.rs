@@ -249,8 +249,8 @@ mod tests {
             for i in 0..400 {
                 let u = crate::geometry::sampling::fraction(crate::geometry::sampling::mix(i));
                 // Values next to each entry are tested too.
-                let beside = single[i as usize % single.len()];
-                for u in [u, f64::from(beside), f64::from(beside) - 1e-12] {
+                let entry = single[i as usize % single.len()];
+                for u in [u, f64::from(entry), f64::from(entry) - 1e-12] {
                     if !(0.0..1.0).contains(&u) {
                         continue;
                     }

@@ -12,6 +12,7 @@ use gltf::mesh::Mode;
 use gltf::{Accessor, Node, Semantic};
 
 use crate::error::Error;
+use crate::io::colour_range::Range;
 use crate::io::gltf::{File, Numbers};
 use crate::types::{Material, Primitive};
 pub(crate) use matrix::local;
@@ -29,6 +30,8 @@ pub struct Geometry<'a> {
     buffers: &'a [Vec<u8>],
     /// Transform from the frame of each node to the frame of the file, for the nodes of all scenes.
     world: Vec<Option<DMat4>>,
+    /// The values of colour and of opacity in vertex colours that stand for white and opaque.
+    white: [Range; 2],
     tally: Tally,
 }
 
@@ -36,7 +39,10 @@ impl<'a> Geometry<'a> {
     /// Creates a reader of `file`.
     pub fn new(name: &'a str, file: &'a File, buffers: &'a [Vec<u8>]) -> Self {
         let world = vec![None; file.document.nodes().len()];
-        Self { name, file, buffers, world, tally: Tally::default() }
+        let white = [Range::UNIT; 2];
+        let mut made = Self { name, file, buffers, world, white, tally: Tally::default() };
+        made.white = made.colour_ranges();
+        made
     }
 
     fn bad(&self, what: impl Into<String>) -> Error {
@@ -100,7 +106,11 @@ impl<'a> Geometry<'a> {
                 }
             }
         }
-        self.tally.tell(notes);
+        self.tally.report(notes);
+        if self.white[0].guessed {
+            let range = self.white[0].words();
+            notes.decision("colour-range", format!("vertex colours are assumed to range {range}"));
+        }
         if primitives.is_empty() {
             let t = &self.tally;
             let why = match (t.without_area, t.points_and_lines) {
@@ -136,6 +146,18 @@ impl<'a> Geometry<'a> {
             visit(node);
         }
         Ok(())
+    }
+
+    /// Ranges of the vertex colours and of their opacities, inferred from all primitives of the file.
+    fn colour_ranges(&self) -> [Range; 2] {
+        let primitives = self.file.document.meshes().flat_map(|mesh| mesh.primitives());
+        let accessors = primitives.filter_map(|primitive| primitive.get(&Semantic::Colors(0)));
+        // What is wrong with an accessor is reported where it is used.
+        let lists: Vec<Numbers> = accessors.filter_map(|accessor| self.numbers(&accessor).ok()).collect();
+        let lists = || lists.iter().filter(|list| matches!(list.width, 3 | 4));
+        let rows = || lists().flat_map(|list| list.values.chunks_exact(list.width));
+        let colours = Range::of_floats(rows().flat_map(|row| &row[..3]).copied());
+        [colours, Range::of_floats(rows().filter_map(|row| row.get(3)).copied())]
     }
 
     fn numbers(&self, accessor: &Accessor<'_>) -> Result<Numbers, Error> {
@@ -260,10 +282,10 @@ impl<'a> Geometry<'a> {
             );
         }
         for colour in numbers.values.chunks_exact(numbers.width) {
-            let legal = colour.iter().all(|c| (0.0..=1.0).contains(c));
+            let scaled = |i: usize| Some(*colour.get(i)? / self.white[usize::from(i == 3)].white);
+            let legal = (0..4).filter_map(scaled).all(|c| (0.0..=1.0).contains(&c));
             self.tally.colours += u64::from(!legal);
-            let channel =
-                |i: usize| colour.get(i).map_or(1.0, |&c| if c > 0.0 { c.min(1.0) as f32 } else { 0.0 });
+            let channel = |i: usize| scaled(i).map_or(1.0, |c| if c > 0.0 { c.min(1.0) as f32 } else { 0.0 });
             p.colours.push([channel(0), channel(1), channel(2), channel(3)]);
         }
         Ok(())

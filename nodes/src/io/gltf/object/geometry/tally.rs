@@ -23,7 +23,7 @@ pub(super) struct Tally {
 
 impl Tally {
     /// Adds notes about the counts.
-    pub(super) fn tell(&self, notes: &mut Notes) {
+    pub(super) fn report(&self, notes: &mut Notes) {
         for (id, count, what) in [
             (
                 "points-and-lines",

@@ -1,6 +1,12 @@
-//! Transfer curves and luminance. sRGB is IEC 61966-2-1; primaries are Rec.709 throughout.
+//! Colour: the sRGB curve (IEC 61966-2-1) and luminance of the working space, whose primaries are those of Rec.709;
+//! other colour spaces ([`space`]) and view transforms ([`view`]).
 
-use crate::math::num;
+pub mod curve;
+pub mod primaries;
+pub mod space;
+pub mod view;
+
+use curve::Curve;
 
 /// Rec.709 luminance weights, rounded to five digits. The decimal numbers sum to exactly 1.
 pub const LUMINANCE: [f32; 3] = [0.21267, 0.71516, 0.07217];
@@ -15,17 +21,13 @@ pub fn luminance(rgb: [f32; 3]) -> f32 {
 /// power, since splat colours may have such values.
 #[inline]
 pub fn linear_from_srgb(encoded: f32) -> f32 {
-    let x = f64::from(encoded.abs());
-    let linear = if x <= 0.04045 { x / 12.92 } else { num::pow((x + 0.055) / 1.055, 2.4) };
-    (linear as f32).copysign(encoded)
+    Curve::Srgb.linear(f64::from(encoded)) as f32
 }
 
 /// sRGB encoding of linear light; the inverse of [`linear_from_srgb`].
 #[inline]
 pub fn srgb_from_linear(linear: f32) -> f32 {
-    let x = f64::from(linear.abs());
-    let encoded = if x <= 0.003_130_8 { x * 12.92 } else { 1.055 * num::pow(x, 1.0 / 2.4) - 0.055 };
-    (encoded as f32).copysign(linear)
+    Curve::Srgb.encoded(f64::from(linear)) as f32
 }
 
 /// Table of the linear light of each 8-bit sRGB code.

@@ -1,21 +1,22 @@
 //! `show`: writes the picture of any node, without editing the graph.
 
-mod sheet;
-
 use std::path::PathBuf;
 
 use clap::Args;
-use engine::{Engine, Graph, Wire};
-use nodes::types::{Environment, Images, NamedImage, Panorama, Picture, Views};
+use engine::{Engine, Graph, Up, Wire};
+use glam::DMat4;
+use nodes::render::look::{of_mesh, of_object};
+use nodes::types::{Mesh, Object, Placed, Splats};
 
-use crate::session::{EngineArgs, Error, GraphArgs, compute, find};
+use crate::session::{EngineArgs, Error, GraphArgs, compute, find, look, sheet, splats};
 use crate::terminal;
 
 /// Writes the picture of any node, without editing the graph.
 ///
 /// Computes the node if its result is not known. Linear light is shown with the sRGB curve; depths and other
 /// numbers are stretched from black (smallest) to white (largest); normals are shown as colours. Several views
-/// become a sheet.
+/// become a sheet. Splats, meshes and objects are drawn from above and in four views, whose cameras are printed;
+/// objects have the base colours of their materials, without textures.
 #[derive(Debug, Args)]
 pub struct Show {
     #[command(flatten)]
@@ -39,8 +40,9 @@ impl Show {
         let graph = &loaded.graph;
         let wire = output(graph, &self.node)?;
         let kind = graph.nodes[wire.node].kind.outputs[wire.port].artifact.name;
-        if !["image", "views", "pano", "env"].contains(&kind) {
-            let how = "`show` draws outputs of the types image, views, pano and env";
+        if !sheet::is_picture(graph, wire) && !SCENES.contains(&kind) {
+            let how =
+                "`show` draws outputs of the types image, views, pano, env, splats, mesh, object and placed";
             return Err(Error::usage(format!("`{}` has the type {kind}; {how}", self.node)));
         }
         let name = format!("{}.png", self.node.replace(['/', '='], "_"));
@@ -52,15 +54,42 @@ impl Show {
             return Ok(code);
         }
         let gone = || Error::usage(format!("the value of `{}` is not in the cache; run again", self.node));
-        let views = pictures(&engine, graph, wire, kind).ok_or_else(gone)?;
-        let (raster, ranges) = sheet::sheet(&views, self.exposure);
-        ranges.iter().for_each(|range| terminal::remark(range));
-        let bytes = nodes::io::png::write(&raster, true, &[]);
-        let bytes = bytes.map_err(|error| Error::of_file(&path, &error))?;
+        let (bytes, lines) = if sheet::is_picture(graph, wire) {
+            let views = sheet::pictures(&engine, graph, wire).ok_or_else(gone)?;
+            let (raster, ranges) = sheet::sheet(&views, self.exposure);
+            ranges.iter().for_each(|range| terminal::remark(range));
+            let bytes = nodes::io::png::write(&raster, true, &[]);
+            (bytes.map_err(|error| Error::of_file(&path, &error))?, String::new())
+        } else {
+            let (scene, up) = scene(&engine, graph, wire).ok_or_else(gone)?;
+            match look::of_scene(&scene, up) {
+                Ok(drawn) => drawn,
+                Err(error) => return Ok(splats::failed(&error)),
+            }
+        };
         cache::publish_file(&path, &bytes)?;
-        terminal::print(&format!("{}\n", path.display()))?;
+        terminal::print(&format!("{}\n{lines}", path.display()))?;
         Ok(code)
     }
+}
+
+/// Types of outputs that are drawn from above and in views.
+const SCENES: [&str; 4] = ["splats", "mesh", "object", "placed"];
+
+/// The splats of a scene, or splats on the surface of a mesh or object, and the up axis. `None` if the value is not in the
+/// cache.
+fn scene(engine: &Engine, graph: &Graph, wire: Wire) -> Option<(Splats, Up)> {
+    let up = graph.scene.up;
+    Some(match graph.nodes[wire.node].kind.outputs[wire.port].artifact.name {
+        "splats" => (engine.value::<Splats>(graph, wire)?, up),
+        "mesh" => (of_mesh(&engine.value::<Mesh>(graph, wire)?), up),
+        // In the frame of its file.
+        "object" => (of_object(&engine.value::<Object>(graph, wire)?, &DMat4::IDENTITY), Up::PlusY),
+        _ => {
+            let placed = engine.value::<Placed>(graph, wire)?;
+            (of_object(&placed.object, &placed.world_from_object), up)
+        }
+    })
 }
 
 /// Resolves the name of an output: `trace.depth`, or `trace` for the first output.
@@ -80,18 +109,4 @@ fn output(graph: &Graph, name: &str) -> Result<Wire, Error> {
         return Ok(Wire { node, port });
     }
     Ok(Wire { node: find(graph, name)?, port: 0 })
-}
-
-/// The pictures of an output, one per view.
-fn pictures(engine: &Engine, graph: &Graph, wire: Wire, kind: &str) -> Option<Vec<NamedImage>> {
-    let single = |picture: Picture| Images::single("", picture).0;
-    Some(match kind {
-        "views" => {
-            let views = engine.value::<Views>(graph, wire)?.0.into_iter();
-            views.map(|view| NamedImage { name: view.camera.name, picture: view.colour }).collect()
-        }
-        "pano" => single(engine.value::<Panorama>(graph, wire)?.image),
-        "env" => single(engine.value::<Environment>(graph, wire)?.image.into()),
-        _ => engine.value::<Images>(graph, wire)?.0,
-    })
 }

@@ -1,11 +1,18 @@
 //! `watch`: runs a graph again whenever it or a file it reads changes.
 
+#[cfg(not(feature = "serve"))]
+#[path = "absent.rs"]
+mod page;
+#[cfg(feature = "serve")]
+mod page;
+
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::Args;
 use engine::{Graph, Load, Refusal, WatchOptions};
+use page::LivePage;
 
 use crate::session::origin::is_written_once;
 use crate::session::{EngineArgs, Error, GraphArgs};
@@ -39,6 +46,13 @@ pub struct Watch {
     /// Check the files every half second instead of listening to their folders
     #[arg(long)]
     poll: bool,
+    /// Also serve the live page, which shows the graph and its pictures in a browser and edits values in the text.
+    /// Prints the address to open, which contains a secret
+    #[arg(long)]
+    serve: bool,
+    /// Port of the live page [default: the port of the last time, or any free one]
+    #[arg(long, value_name = "PORT", requires = "serve")]
+    port: Option<u16>,
 }
 
 /// The reason why a bundle or a picture cannot be watched.
@@ -56,13 +70,20 @@ impl Watch {
         if is_written_once(&self.graph.graph) {
             return Err(Error::usage(WRITTEN_ONCE));
         }
-        let engine = self.engine.open()?.keeping();
+        let engine = Arc::new(self.engine.open()?.keeping());
         let out = self.out.clone();
         let mut options = WatchOptions { out: self.out, poll: self.poll, ..WatchOptions::default() };
         if self.no_preview {
             options.refine = None;
         }
         let watch = engine::Watch::new(options);
+        let page = match self.serve {
+            true => {
+                let (handle, cache) = (watch.handle(), self.engine.cache.as_deref());
+                Some(LivePage::start(&engine, handle, &self.graph.graph, self.port, cache)?)
+            }
+            false => None,
+        };
         let (handle, asked) = (watch.handle(), AtomicBool::new(false));
         ctrlc::set_handler(move || {
             // The first Ctrl-C stops gracefully, the second at once.
@@ -72,11 +93,22 @@ impl Watch {
             handle.quit();
         })?;
         let mut report = if self.json { Report::json() } else { Report::lines(self.verbose) };
-        let (graph, colour) = (self.graph, terminal::colours() && !self.json);
+        if let Some(page) = &page {
+            match self.json {
+                true => terminal::json_line(&serde_json::json!({"event": "page", "url": page.url()})),
+                false => terminal::print(&format!("live page: {}\n", page.url()))?,
+            }
+        }
+        let (mut graph, colour) = (self.graph, terminal::colours() && !self.json);
+        let settings = graph.set.len();
         let mut last: Option<(Arc<Graph>, Vec<usize>)> = None;
         let load = |same_files: bool| {
             let mut texts = Vec::new();
-            let known = last.as_ref().filter(|_| same_files);
+            let tried = page.as_ref().map(LivePage::tried).unwrap_or_default();
+            // With other settings, an equal text is another graph.
+            let same_settings = graph.set[settings..] == tried[..];
+            graph.set.splice(settings.., tried);
+            let known = last.as_ref().filter(|_| same_files && same_settings);
             let loaded = graph.load_again(known, &mut texts);
             last = loaded.as_ref().ok().map(|loaded| (loaded.graph.clone(), loaded.only.clone()));
             let loaded = loaded.and_then(|loaded| match loaded.unpacked {
@@ -87,9 +119,19 @@ impl Watch {
                 Error::Graph(mistakes) => Refusal::mistakes(&mistakes, colour),
                 other => Refusal::other(other.to_string()),
             };
-            Load { graph: loaded.map_err(refusal), texts }
+            let load = Load { graph: loaded.map_err(refusal), texts };
+            if let Some(page) = &page {
+                page.loaded(&load);
+            }
+            load
         };
-        let wrong = watch.run(&engine, load, |event| report.show(&event));
+        let show = |event| {
+            report.show(&event);
+            if let Some(page) = &page {
+                page.show(&event);
+            }
+        };
+        let wrong = watch.run(&engine, load, show);
         if !self.json {
             for path in wrong {
                 terminal::remark(&format!("{} does not show the current graph", path.display()));

@@ -1,4 +1,4 @@
-//! The picture of `inspect`: a plan from above and some views, with lines that describe it.
+//! Pictures of scenes: a plan from above and some views, with lines that describe them.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -9,7 +9,7 @@ use nodes::geometry::level::{self, LevelEstimate};
 use nodes::io::picture::of_bytes;
 use nodes::math::color::{linear_from_srgb, luminance, srgb_from_linear};
 use nodes::math::equirect::axes;
-use nodes::render::layout::View;
+use nodes::render::layout::Viewpoint;
 use nodes::render::look::{Canvas, Plan, of_mesh as splats_of_mesh, views};
 use nodes::render::splat::{Settings, render};
 use nodes::types::{Mesh, Picture, Rig, Splats};
@@ -18,7 +18,7 @@ use crate::session::splats;
 use crate::session::standing::{Standing, UpBy};
 
 /// A picture as PNG, and the lines to print.
-type Drawn = (Vec<u8>, String);
+pub type Drawn = (Vec<u8>, String);
 
 /// Side length of the plan, in pixels.
 const SIDE: usize = 1000;
@@ -82,7 +82,7 @@ impl Shown<'_> {
         Ok(sheet.png()?)
     }
 
-    fn view(&self, view: &View, up: DVec3, number: usize, cx: &Context) -> Result<Canvas, NodeError> {
+    fn view(&self, view: &Viewpoint, up: DVec3, number: usize, cx: &Context) -> Result<Canvas, NodeError> {
         let camera = view.camera("view", VIEW.map(|v| v as u32), up);
         let settings = Settings { near: 1e-3 * self.stand.radius, ..Settings::default() };
         let seen = render(self.splats, &camera, None, &settings, cx)?;
@@ -99,7 +99,7 @@ fn row_major(rows: &[f64; 16]) -> String {
 }
 
 /// Draws a capture, which is rotated upright first.
-pub(super) fn of_splats(file: &Path, cameras: Option<&Path>) -> Result<Drawn, NodeError> {
+pub fn of_splats(file: &Path, cameras: Option<&Path>) -> Result<Drawn, NodeError> {
     let standing = Standing::of(file, cameras)?;
     let mut lines = String::new();
     if standing.by != UpBy::Measured {
@@ -127,7 +127,7 @@ pub(super) fn of_splats(file: &Path, cameras: Option<&Path>) -> Result<Drawn, No
 
 /// Draws a mesh, or an object with its base colours. The up direction is the axis that the format defines or, if it
 /// defines none, the normal of the estimated floor.
-pub(super) fn of_mesh(mesh: &Mesh, declared: Option<Up>) -> Result<Drawn, NodeError> {
+pub fn of_mesh(mesh: &Mesh, declared: Option<Up>) -> Result<Drawn, NodeError> {
     let measured = level::of_mesh(mesh, None).filter(LevelEstimate::is_sure);
     let axis = measured.as_ref().and_then(LevelEstimate::axis);
     let named = [Up::PlusZ, Up::PlusY, Up::MinusY].into_iter().find(|up| Some(up.name()) == axis);
@@ -141,15 +141,21 @@ pub(super) fn of_mesh(mesh: &Mesh, declared: Option<Up>) -> Result<Drawn, NodeEr
         let text = "width, height and depth, in metres as glTF defines";
         let _ = writeln!(lines, "{:>14}  {x:.3} x {y:.3} x {z:.3}, {text}", "size");
     }
-    let stand = level::upright(&splats, axes(up)[2], None)
-        .ok_or_else(|| NodeError::new("the mesh has no visible surface"))?;
-    let cx = splats::context(up);
-    let png = Shown { splats: &splats, stand: &stand, cameras: None, up }.draw(&mut lines, &cx)?;
+    let (png, more) = of_scene(&splats, up)?;
+    Ok((png, lines + &more))
+}
+
+/// Draws splats in a world with this up axis.
+pub fn of_scene(scene: &Splats, up: Up) -> Result<Drawn, NodeError> {
+    let stand = level::upright(scene, axes(up)[2], None)
+        .ok_or_else(|| NodeError::new("there is no visible surface"))?;
+    let (mut lines, cx) = (String::new(), splats::context(up));
+    let png = Shown { splats: scene, stand: &stand, cameras: None, up }.draw(&mut lines, &cx)?;
     Ok((png, lines))
 }
 
 /// Draws a panorama, tone-mapped, with its horizon and the direction of its centre column.
-pub(super) fn of_panorama(file: &Path, bytes: &[u8]) -> Result<Drawn, NodeError> {
+pub fn of_panorama(file: &Path, bytes: &[u8]) -> Result<Drawn, NodeError> {
     let picture = of_bytes(&file.display().to_string(), bytes)?;
     let (width, height, channels) = picture.size();
     if width != 2 * height {

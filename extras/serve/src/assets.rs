@@ -1,0 +1,54 @@
+//! The files of the page. They contain nothing private.
+
+/// Path, type and content of each file.
+const FILES: [(&str, &str, &str); 10] = [
+    ("/", "text/html; charset=utf-8", include_str!("../assets/page.html")),
+    ("/assets/page.css", "text/css; charset=utf-8", include_str!("../assets/page.css")),
+    ("/assets/page.js", SCRIPT, include_str!("../assets/page.js")),
+    ("/assets/dom.js", SCRIPT, include_str!("../assets/dom.js")),
+    ("/assets/server.js", SCRIPT, include_str!("../assets/server.js")),
+    ("/assets/graph.js", SCRIPT, include_str!("../assets/graph.js")),
+    ("/assets/fields.js", SCRIPT, include_str!("../assets/fields.js")),
+    ("/assets/picture.js", SCRIPT, include_str!("../assets/picture.js")),
+    ("/assets/shader.js", SCRIPT, include_str!("../assets/shader.js")),
+    ("/assets/text.js", SCRIPT, include_str!("../assets/text.js")),
+];
+
+const SCRIPT: &str = "text/javascript; charset=utf-8";
+
+/// Type and content of the file at a path.
+pub fn file(path: &str) -> Option<(&'static str, &'static str)> {
+    FILES.iter().find(|(known, ..)| *known == path).map(|(_, kind, content)| (*kind, *content))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_page_is_small_and_needs_no_network() {
+        let bytes: usize = FILES.iter().map(|(.., content)| content.len()).sum();
+        assert!(bytes < 100_000, "{bytes} bytes");
+        for (path, _, content) in FILES {
+            let urls = content
+                .match_indices("://")
+                .map(|(at, _)| &content[at.saturating_sub(5)..at + 3 + 14.min(content.len() - at - 3)]);
+            for url in urls {
+                // The namespace of SVG is a name and is not fetched.
+                assert!(url.contains("://www.w3.org"), "{path} names {url}");
+            }
+            for unsafe_way in [
+                "innerHTML",
+                "outerHTML",
+                "insertAdjacentHTML",
+                "document.write",
+                "eval(",
+                "new Function",
+                "style=\"",
+                "onclick=",
+            ] {
+                assert!(!content.contains(unsafe_way), "{path} contains {unsafe_way}");
+            }
+        }
+    }
+}

@@ -1,0 +1,323 @@
+//! Edits of the graph file, one at a time, each conditional on the text that the client has seen.
+
+use std::collections::BTreeSet;
+use std::io;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use cache::Digest;
+use engine::{Diagnostics, Graph, GraphText, Mistake, Role, Source, Step, TextEditError};
+use serde::{Deserialize, Serialize};
+
+use crate::history::History;
+use crate::save::{SaveError, replace};
+
+/// Maximum length of a new value in bytes.
+pub const MAX_VALUE: usize = 16 << 10;
+
+/// An edit of one value.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Edit {
+    /// Digest of the text that the client has seen.
+    pub digest: String,
+    /// Name of a node, or `scene` or `parameters`.
+    pub node: String,
+    /// Name of a field.
+    pub field: String,
+    /// Path to a value inside the value of the field: indices of lists and groups, names of fields.
+    #[serde(default)]
+    pub at: Vec<At>,
+    /// The new value in RON; `null` removes the field, so that it has its default.
+    pub value: Option<String>,
+}
+
+/// A step of a path.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+#[serde(untagged)]
+pub enum At {
+    /// Index in a list or group, from 0.
+    Index(usize),
+    /// Name of a field of a group.
+    Name(String),
+}
+
+/// The reason why an edit was refused. Nothing was changed.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(tag = "code", rename_all = "lowercase")]
+pub enum Refused {
+    /// The file has another text than the client has seen.
+    Stale {
+        /// Digest of the current text.
+        digest: String,
+    },
+    /// The file was deleted, or cannot be read.
+    Gone {
+        /// Text for the user.
+        why: String,
+    },
+    /// The graph belongs to an unpacked bundle, whose files are never written.
+    Confined,
+    /// The value cannot be edited here.
+    Fixed {
+        /// Text for the user, with the remedy.
+        why: String,
+    },
+    /// The graph would have mistakes.
+    Invalid {
+        /// The mistakes, with their positions in the edited text.
+        mistakes: Vec<Mistake>,
+    },
+    /// There is nothing to undo or redo.
+    Nothing,
+    /// The file cannot be written.
+    Unwritten {
+        /// Text for the user.
+        why: String,
+    },
+}
+
+impl From<TextEditError> for Refused {
+    fn from(error: TextEditError) -> Self {
+        Self::Fixed { why: error.to_string() }
+    }
+}
+
+/// An edited text that passed all checks.
+pub struct Edited {
+    /// The text before the edit.
+    pub old: String,
+    /// The text after the edit.
+    pub text: String,
+    /// The graph of the text.
+    pub graph: Graph,
+    /// Description of the edit.
+    pub label: String,
+    /// The new text of the whole field; `None` if the edit removes the field.
+    pub whole: Option<String>,
+}
+
+/// Digest of a text, as clients name it.
+pub fn digest_of(text: &str) -> String {
+    Digest::of(text.as_bytes()).to_string()
+}
+
+/// The writer of one graph file.
+pub struct Editor {
+    path: PathBuf,
+    history: History,
+}
+
+impl Editor {
+    /// An editor of the file `path`, whose history has been opened.
+    pub fn new(path: PathBuf, history: History) -> Self {
+        Self { path, history }
+    }
+
+    /// The history of the file.
+    pub fn history(&mut self) -> &mut History {
+        &mut self.history
+    }
+
+    /// The current text of the file, which other programs may have changed.
+    ///
+    /// # Errors
+    /// [`Refused::Gone`] if it cannot be read.
+    pub fn text(&self) -> Result<String, Refused> {
+        let read = engine::read_text(&self.path, engine::MAX_GRAPH_BYTES);
+        read.map_err(|error| Refused::Gone {
+            why: match error.kind() {
+                io::ErrorKind::NotFound => format!("`{}` was deleted or moved", self.path.display()),
+                _ => format!("cannot read `{}`: {error}", self.path.display()),
+            },
+        })
+    }
+
+    /// Applies an edit to the current text, without writing it. `graph` is the graph that the client has seen; `tried`
+    /// is true if it has a value for this field that is only tried.
+    ///
+    /// # Errors
+    /// [`Refused`].
+    pub fn edited(&self, graph: &Graph, edit: &Edit, tried: bool) -> Result<Edited, Refused> {
+        let old = self.text_seen(graph, &edit.digest)?;
+        let Edit { node, field, value, .. } = edit;
+        may_edit(graph, node, field)?;
+        let document = GraphText::new(&old);
+        let steps: Vec<Step> = edit.at.iter().map(At::step).collect();
+        let change = match value {
+            Some(value) if value.len() > MAX_VALUE => {
+                return Err(fixed(format!(
+                    "a value has at most {MAX_VALUE} bytes; edit longer ones in the text"
+                )));
+            }
+            Some(value) => document.set(node, field, &steps, value)?,
+            None if steps.is_empty() => document.unset(node, field)?,
+            None => return Err(fixed(format!("only the whole field `{field}` can be removed"))),
+        };
+        if !tried && let Some(span) = document.field(node, field) {
+            refuse_hidden(graph, node, field, &span, old.len())?;
+        }
+        let text = change.apply(&old);
+        let graph = checked(graph, &text)?;
+        let at: String = edit.at.iter().map(At::text).collect();
+        let label = match value {
+            Some(value) => format!("{node}.{field}{at} = {}", value.chars().take(80).collect::<String>()),
+            None => format!("{node}.{field} removed"),
+        };
+        let document = GraphText::new(&text);
+        let whole = value.is_some().then(|| document.field(node, field)).flatten();
+        let whole = whole.map(|span| text[span].to_owned());
+        Ok(Edited { whole, old, graph, label, text: text.clone() })
+    }
+
+    /// Applies an edit and writes the file; see [`edited`](Self::edited).
+    ///
+    /// # Errors
+    /// [`Refused`]; the file then has its old content.
+    pub fn set(&mut self, graph: &Graph, edit: &Edit, tried: bool) -> Result<(), Refused> {
+        let Edited { old, text, label, .. } = self.edited(graph, edit, tried)?;
+        self.write(&old, &text)?;
+        self.history.saved(&text, &label);
+        Ok(())
+    }
+
+    /// Takes the last change back, whether the page or another program made it.
+    ///
+    /// # Errors
+    /// [`Refused`]; the file then has its old content.
+    pub fn undo(&mut self, graph: &Graph, digest: &str) -> Result<(), Refused> {
+        let old = self.text_seen(graph, digest)?;
+        self.history.saved(&old, OTHER);
+        let text = self.history.undone().ok_or(Refused::Nothing)?;
+        self.write(&old, &text)?;
+        self.history.undo();
+        Ok(())
+    }
+
+    /// Makes the change again that was taken back last.
+    ///
+    /// # Errors
+    /// [`Refused`]; the file then has its old content.
+    pub fn redo(&mut self, graph: &Graph, digest: &str) -> Result<(), Refused> {
+        let old = self.text_seen(graph, digest)?;
+        self.history.saved(&old, OTHER);
+        let text = self.history.redone().ok_or(Refused::Nothing)?;
+        self.write(&old, &text)?;
+        self.history.redo();
+        Ok(())
+    }
+
+    fn text_seen(&self, graph: &Graph, digest: &str) -> Result<String, Refused> {
+        if graph.root.is_confined() {
+            return Err(Refused::Confined);
+        }
+        let text = self.text()?;
+        match digest_of(&text) {
+            now if now == digest => Ok(text),
+            now => Err(Refused::Stale { digest: now }),
+        }
+    }
+
+    fn write(&self, old: &str, text: &str) -> Result<(), Refused> {
+        replace(&self.path, old, text).map_err(|error| {
+            let path = self.path.display();
+            match error {
+                SaveError::Changed => match self.text() {
+                    Ok(text) => Refused::Stale { digest: digest_of(&text) },
+                    Err(gone) => gone,
+                },
+                SaveError::Gone => Refused::Gone { why: format!("`{path}` was deleted or moved") },
+                other => Refused::Unwritten { why: format!("cannot write `{path}`: {other}") },
+            }
+        })
+    }
+}
+
+/// Description of a change that the page did not make.
+pub const OTHER: &str = "change by another program";
+
+fn fixed(why: String) -> Refused {
+    Refused::Fixed { why }
+}
+
+impl At {
+    fn step(&self) -> Step {
+        match self {
+            Self::Index(index) => Step::Index(*index),
+            Self::Name(name) => Step::Name(name.clone()),
+        }
+    }
+
+    fn text(&self) -> String {
+        match self {
+            Self::Index(index) => format!("[{index}]"),
+            Self::Name(name) => format!(".{name}"),
+        }
+    }
+}
+
+/// The nodes of the graph that one node of the file defines: itself, or its instances along axes.
+fn instances<'g>(graph: &'g Graph, name: &str) -> impl Iterator<Item = usize> + use<'g> {
+    let name = name.to_owned();
+    let is = move |node: &engine::Node| {
+        node.id == name || !node.point.is_empty() && node.id.split('/').next() == Some(name.as_str())
+    };
+    graph.nodes.iter().enumerate().filter(move |(_, node)| is(node)).map(|(index, _)| index)
+}
+
+/// Refuses fields that are wires or paths.
+fn may_edit(graph: &Graph, name: &str, field: &str) -> Result<(), Refused> {
+    let Some(index) = instances(graph, name).next() else {
+        let is_block = matches!(name, "scene" | "parameters");
+        return if is_block { Ok(()) } else { Err(TextEditError::NoNode(name.to_owned()).into()) };
+    };
+    let kind = &graph.nodes[index].kind;
+    match kind.params.iter().find(|param| param.name == field) {
+        Some(param) if param.role == Role::Value => Ok(()),
+        Some(_) => Err(fixed(format!("`{field}` names a file; edit paths in the text"))),
+        None if kind.inputs.iter().any(|port| port.name == field) => {
+            Err(fixed(format!("`{field}` is a wire; edit wires in the text")))
+        }
+        None => Err(fixed(format!("`{}` has no parameter `{field}`", kind.camel_name()))),
+    }
+}
+
+/// Refuses a field whose value in the file is overridden by a preset, an overlay or `--set`.
+fn refuse_hidden(
+    graph: &Graph,
+    name: &str,
+    field: &str,
+    span: &std::ops::Range<usize>,
+    length: usize,
+) -> Result<(), Refused> {
+    let Some(index) = instances(graph, name).next() else { return Ok(()) };
+    let place = graph.place(index, Some(field));
+    if place != *span && place.start >= length {
+        return Err(fixed(format!(
+            "a preset, an overlay or `--set` on the command line overrides `{name}.{field}`"
+        )));
+    }
+    Ok(())
+}
+
+/// Parses the edited text. The edit may not change which files are read or written.
+fn checked(graph: &Graph, text: &str) -> Result<Graph, Refused> {
+    let (source, _) = Source::new(graph.source.name.clone(), text).including(&graph.root);
+    let edited = Graph::parse(source, &nodes::registry(), graph.root.clone())
+        .map_err(|mistakes: Diagnostics| Refused::Invalid { mistakes: mistakes.mistakes() })?;
+    let read = |graph: &Graph| graph.files().into_iter().collect::<BTreeSet<_>>();
+    let written =
+        |graph: &Graph| graph.nodes.iter().filter_map(|node| node.sink_path.clone()).collect::<BTreeSet<_>>();
+    if !read(&edited).is_subset(&read(graph)) || !written(&edited).is_subset(&written(graph)) {
+        return Err(fixed(
+            "this would change which files the graph reads or writes; edit paths in the text".to_owned(),
+        ));
+    }
+    Ok(edited)
+}
+
+/// A graph that handlers share.
+pub type SharedGraph = Arc<Graph>;
+
+#[cfg(test)]
+mod tests;

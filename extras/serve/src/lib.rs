@@ -1,0 +1,47 @@
+//! The live page: a local HTTP server that shows a watched graph in a browser, with editors that write single values
+//! back into its text.
+//!
+//! The text file is the only source of truth. The page reads the events of the watch, the checked graph and values by
+//! digest. An edit replaces the bytes of one value, through [`engine::GraphText`], only if the file still has the
+//! text that the page has shown. The server has no state that a restart would lose: the history of edits, the port and
+//! the token are files in a folder next to the cache.
+//!
+//! # Requests
+//! | request | answer |
+//! |---|---|
+//! | `GET /`, `/assets/..` | the page |
+//! | `POST /session` `{token}` | a cookie, which all requests below need |
+//! | `GET /events` | server-sent events: the whole state, then each event of the watch |
+//! | `GET /graph` | nodes, wires, layout, parameters with documentation and ranges, text, mistakes |
+//! | `GET /value/DIGEST` | the pictures or the report of a value: names, sizes, encodings, ranges |
+//! | `GET /value/DIGEST/N.png` | picture N for display; `exposure` in stops, `size` of the longest side in pixels |
+//! | `GET /value/DIGEST/N.f32`, `N.f16` | its samples, little-endian, row by row |
+//! | `POST /set` `{digest, node, field, at, value}` | writes a value into the text |
+//! | `POST /try`, same body or `null` | uses a value for the next runs without writing it, or ends that |
+//! | `POST /plan`, same body | the nodes that would run, and the forecast of their time |
+//! | `POST /undo`, `/redo` `{digest}` | takes the last change of the text back, or makes it again |
+//!
+//! # Security
+//! Other web sites and other local servers can send requests to this server through the browser of the user. The
+//! server listens on the loopback interface only, answers only requests that name its exact address as host, needs a
+//! cookie that is given for the token in the printed address, and refuses changes that do not come from its own
+//! origin (see `door`). It writes only the graph that is watched, never that of an unpacked bundle, and no request
+//! contains a path. The page inserts text from graphs as text only, and its content security policy forbids inline
+//! scripts.
+
+mod assets;
+mod door;
+mod editor;
+mod error;
+mod events;
+mod history;
+mod live;
+mod page;
+mod routes;
+mod save;
+mod state;
+mod values;
+mod view;
+
+pub use error::Error;
+pub use page::{Options, Page};

@@ -1,0 +1,303 @@
+//! The data that the watch and the handlers of requests share.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use engine::{Digest, Engine, Event, Graph, Handle, Load, StoredOutput, Wire};
+use serde_json::{Value, json};
+use tokio::sync::broadcast;
+
+use crate::door::Door;
+use crate::editor::{Edit, Edited, Editor, OTHER, Refused, SharedGraph, digest_of};
+use crate::history::{Shot, now};
+use crate::state::State;
+use crate::values::{Decoded, Shown};
+
+/// Number of messages that a slow client may be behind. A client that is further behind gets the whole state instead.
+const BEHIND: usize = 256;
+
+/// A message to the pages.
+#[derive(Debug)]
+pub struct Message {
+    /// Number of the message; the state has the number of the last message that it contains.
+    pub number: u64,
+    /// JSON text.
+    pub data: String,
+}
+
+/// The data that the watch and the handlers of requests share.
+pub struct Live {
+    pub engine: Arc<Engine>,
+    pub door: Door,
+    pub decoded: Decoded,
+    /// Number of connected pages.
+    pub clients: AtomicUsize,
+    handle: Handle,
+    /// Path of the graph file, without links.
+    path: PathBuf,
+    state: Mutex<State>,
+    editor: Mutex<Editor>,
+    /// Settings that are tried out without being written, by node and field.
+    tried: Mutex<BTreeMap<(String, String), String>>,
+    number: AtomicU64,
+    sender: broadcast::Sender<Arc<Message>>,
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Live {
+    /// The data of a page about the graph file `path`.
+    pub fn new(engine: Arc<Engine>, handle: Handle, path: PathBuf, door: Door, editor: Editor) -> Self {
+        Self {
+            engine,
+            door,
+            decoded: Decoded::default(),
+            clients: AtomicUsize::new(0),
+            handle,
+            path,
+            state: Mutex::default(),
+            editor: Mutex::new(editor),
+            tried: Mutex::default(),
+            number: AtomicU64::new(0),
+            sender: broadcast::Sender::new(BEHIND),
+        }
+    }
+
+    /// Sends a message to all pages. The caller holds the lock of the state, so that messages are in order.
+    fn send(&self, data: &Value) {
+        let number = self.number.fetch_add(1, Ordering::Relaxed) + 1;
+        // Without pages, nobody receives it.
+        let _ = self.sender.send(Arc::new(Message { number, data: data.to_string() }));
+    }
+
+    /// The whole state as a message, and the messages after it.
+    pub fn subscribe(&self) -> (Message, broadcast::Receiver<Arc<Message>>) {
+        let receiver = self.sender.subscribe();
+        (self.snapshot(), receiver)
+    }
+
+    /// The whole state as a message.
+    pub fn snapshot(&self) -> Message {
+        let history = self.history();
+        let state = lock(&self.state);
+        let mut json = state.json();
+        json["event"] = "state".into();
+        json["history"] = history;
+        Message { number: self.number.load(Ordering::Relaxed), data: json.to_string() }
+    }
+
+    /// The history as JSON.
+    pub fn history(&self) -> Value {
+        let mut editor = lock(&self.editor);
+        let history = editor.history();
+        let (undo, redo) = history.depth();
+        json!({
+            "undo": undo,
+            "redo": redo,
+            "last": history.last().map(|change| &change.label),
+            "next": history.next().map(|change| &change.label),
+            "problem": history.problem(),
+            "shots": history.shots(),
+            "tried": lock(&self.tried).iter().map(|((node, field), value)| json!([node, field, value])).collect::<Value>(),
+        })
+    }
+
+    fn send_history(&self) {
+        let history = self.history();
+        let _state = lock(&self.state);
+        self.send(&json!({"event": "history", "history": history}));
+    }
+
+    /// The state as `read` sees it.
+    pub fn with_state<T>(&self, read: impl FnOnce(&State) -> T) -> T {
+        read(&lock(&self.state))
+    }
+
+    /// Takes a graph that the watch has read.
+    pub fn loaded(&self, load: &Load) {
+        let text = {
+            // With the lock, since a text that was read before an edit of the page would count as a later change.
+            let mut editor = lock(&self.editor);
+            let text = editor.text();
+            if let (Ok(_), Ok(text)) = (&load.graph, &text) {
+                editor.history().saved(text, OTHER);
+            }
+            text
+        };
+        // A file that cannot be read has no text; the refusal says why.
+        let text = text.unwrap_or_default();
+        {
+            let mut state = lock(&self.state);
+            state.digest = digest_of(&text);
+            state.text = text;
+            match &load.graph {
+                Ok((graph, only)) => {
+                    (state.mistakes, state.problem) = (Vec::new(), None);
+                    (state.graph, state.only) = (Some(graph.clone()), only.clone());
+                    state.retain(graph);
+                }
+                Err(refusal) => {
+                    state.mistakes.clone_from(&refusal.list);
+                    state.problem = refusal.list.is_empty().then(|| crate::state::plain(&refusal.text));
+                }
+            }
+            self.send(&json!({
+                "event": "graph", "digest": state.digest, "mistakes": state.mistakes, "problem": state.problem,
+            }));
+        }
+        self.send_history();
+    }
+
+    /// Takes an event of the watch.
+    pub fn show(&self, event: &Event) {
+        let mut state = lock(&self.state);
+        let graph = state.graph.clone();
+        let outputs = |id: &str, key: &Digest| self.outputs(graph.as_deref(), id, key);
+        // After the end of a run, everything is in the store.
+        let is_end = matches!(event, Event::Done(_));
+        if is_end || state.is_pending() {
+            for event in state.settle(outputs) {
+                self.send(&event);
+            }
+        }
+        let is_result = matches!(event, Event::Done(totals) if !totals.stopped) && !state.is_preview();
+        if let Some(json) = state.update(event, outputs) {
+            self.send(&json);
+        }
+        if is_result && lock(&self.tried).is_empty() {
+            let (values, text) = (state.shown(), state.digest.clone());
+            drop(state);
+            self.shot(values, text);
+        }
+    }
+
+    fn outputs(&self, graph: Option<&Graph>, id: &str, key: &Digest) -> Option<Vec<StoredOutput>> {
+        let graph = graph?;
+        self.engine.outputs(&graph.nodes[graph.find(id)?], key)
+    }
+
+    /// Adds the results of a run to the history.
+    fn shot(&self, values: BTreeMap<String, (String, String)>, text: String) {
+        let new = {
+            let mut editor = lock(&self.editor);
+            let history = editor.history();
+            let label = history.last().map_or_else(|| "start".to_owned(), |change| change.label.clone());
+            history.shot(Shot { text, label, seconds: now(), values })
+        };
+        if new {
+            self.send_history();
+        }
+    }
+
+    /// The graph that the page shows.
+    fn graph(&self) -> Result<SharedGraph, Refused> {
+        let graph = lock(&self.state).graph.clone();
+        graph.ok_or_else(|| Refused::Fixed {
+            why: "the graph has mistakes; correct them in the text".to_owned(),
+        })
+    }
+
+    /// Writes an edit into the file.
+    pub fn set(&self, edit: &Edit) -> Result<Value, Refused> {
+        let (graph, tried) = (self.graph()?, self.is_tried(edit));
+        self.write(|editor| editor.set(&graph, edit, tried))
+    }
+
+    /// Takes the last change back (`undo`), or makes it again.
+    pub fn step(&self, digest: &str, undo: bool) -> Result<Value, Refused> {
+        let graph = self.graph()?;
+        self.write(|editor| if undo { editor.undo(&graph, digest) } else { editor.redo(&graph, digest) })
+    }
+
+    fn write(&self, write: impl FnOnce(&mut Editor) -> Result<(), Refused>) -> Result<Value, Refused> {
+        let digest = {
+            let mut editor = lock(&self.editor);
+            write(&mut editor)?;
+            digest_of(editor.history().text())
+        };
+        lock(&self.tried).clear();
+        self.look();
+        self.send_history();
+        Ok(json!({"digest": digest}))
+    }
+
+    /// Tries a value without writing it: the next runs use it until [`end_try`](Self::end_try) or an edit.
+    pub fn try_value(&self, edit: &Edit) -> Result<Value, Refused> {
+        let (graph, tried) = (self.graph()?, self.is_tried(edit));
+        let Edited { whole, .. } = lock(&self.editor).edited(&graph, edit, tried)?;
+        let whole = whole.ok_or_else(|| Refused::Fixed { why: "a value to try is needed".to_owned() })?;
+        lock(&self.tried).insert((edit.node.clone(), edit.field.clone()), whole);
+        self.look();
+        Ok(json!({"tried": true}))
+    }
+
+    /// True if a value of the field is tried. An overlay of the command line on the field was refused when the trial
+    /// began.
+    fn is_tried(&self, edit: &Edit) -> bool {
+        lock(&self.tried).contains_key(&(edit.node.clone(), edit.field.clone()))
+    }
+
+    /// Ends the trial of values.
+    pub fn end_try(&self) -> Value {
+        let tried = std::mem::take(&mut *lock(&self.tried));
+        if !tried.is_empty() {
+            self.look();
+        }
+        json!({"tried": false})
+    }
+
+    /// The values that are tried, as settings of the command line.
+    pub fn tried(&self) -> Vec<String> {
+        lock(&self.tried).iter().map(|((node, field), value)| format!("{node}.{field}={value}")).collect()
+    }
+
+    /// The nodes that would run after an edit, and the forecast of their time.
+    pub fn plan(&self, edit: &Edit) -> Result<Value, Refused> {
+        let (graph, tried) = (self.graph()?, self.is_tried(edit));
+        let Edited { graph: edited, .. } = lock(&self.editor).edited(&graph, edit, tried)?;
+        let only = self.with_state(|state| state.only.clone());
+        let ids: BTreeSet<&str> = only.iter().map(|&index| graph.nodes[index].id.as_str()).collect();
+        let only: Vec<usize> =
+            (0..edited.nodes.len()).filter(|&index| ids.contains(edited.nodes[index].id.as_str())).collect();
+        let plan = self.engine.plan(&edited, &only);
+        let opens = |fate: &engine::Fate| !matches!(fate, engine::Fate::Known | engine::Fate::Unwanted);
+        let nodes: Vec<&str> =
+            plan.iter().filter(|node| opens(&node.fate)).map(|node| node.id.as_str()).collect();
+        Ok(json!({"nodes": nodes, "forecast": engine::Forecast::of(&plan)}))
+    }
+
+    /// Makes the watch read the graph.
+    fn look(&self) {
+        self.handle.hint(vec![self.path.clone()]);
+    }
+
+    /// The value with a digest, if the graph has it now, had it before, or had it in a recorded run. Values of other graphs in the
+    /// same cache are not given.
+    pub fn value(&self, digest: &str) -> Option<Arc<Shown>> {
+        let parsed = Digest::from_hex(digest)?;
+        let current = self.with_state(|state| {
+            let (id, port, type_name) = state.find(digest)?;
+            let graph = state.graph.clone()?;
+            let node = graph.find(&id)?;
+            Some((graph, Wire { node, port }, type_name))
+        });
+        let wire = current.as_ref().map(|(graph, wire, _)| (&**graph, *wire));
+        let type_name = match &current {
+            Some((_, _, type_name)) => (*type_name).to_owned(),
+            None => match self.with_state(|state| state.recent(digest)) {
+                Some(type_name) => type_name.to_owned(),
+                None => {
+                    let mut editor = lock(&self.editor);
+                    let shots = editor.history().shots().iter().rev();
+                    let mut values = shots.flat_map(|shot| shot.values.values());
+                    values.find(|(_, known)| known == digest)?.0.clone()
+                }
+            },
+        };
+        self.decoded.get(&parsed, || Shown::read(&self.engine, &type_name, &parsed, wire))
+    }
+}

@@ -1,0 +1,258 @@
+//! The requests that the server answers.
+
+use std::sync::Arc;
+
+use axum::Router;
+use axum::body::Bytes;
+use axum::extract::{DefaultBodyLimit, Path, RawQuery, Request, State};
+use axum::http::{HeaderName, HeaderValue, StatusCode, header};
+use axum::middleware::{Next, from_fn_with_state};
+use axum::response::{IntoResponse, Response};
+use axum::routing::{get, post};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+
+use crate::assets;
+use crate::door::{HEADERS, Refused as Denied};
+use crate::editor::{Edit, MAX_VALUE, Refused};
+use crate::events::events;
+use crate::live::Live;
+use crate::values::{floats, halves, png};
+use crate::view::view;
+
+/// Maximum length of the body of a request in bytes.
+const MAX_BODY: usize = 2 * MAX_VALUE + 4096;
+
+type Shared = State<Arc<Live>>;
+
+/// A response in JSON.
+struct Json<T>(T);
+
+impl<T: Serialize> IntoResponse for Json<T> {
+    fn into_response(self) -> Response {
+        match serde_json::to_vec(&self.0) {
+            Ok(bytes) => ([(header::CONTENT_TYPE, "application/json")], bytes).into_response(),
+            Err(_) => StatusCode::INTERNAL_SERVER_ERROR.into_response(),
+        }
+    }
+}
+
+/// The router of a server.
+pub fn router(live: Arc<Live>) -> Router {
+    Router::new()
+        .route("/session", post(session))
+        .route("/events", get(|State(live): Shared| async move { events(&live) }))
+        .route("/graph", get(graph))
+        .route("/value/{digest}", get(describe))
+        .route("/value/{digest}/{picture}", get(picture))
+        .route("/set", post(set))
+        .route("/try", post(try_value))
+        .route("/plan", post(plan))
+        .route("/undo", post(|state: Shared, body: Bytes| step(state, body, true)))
+        .route("/redo", post(|state: Shared, body: Bytes| step(state, body, false)))
+        .fallback(file)
+        .layer(DefaultBodyLimit::max(MAX_BODY))
+        .layer(from_fn_with_state(live.clone(), guard))
+        .with_state(live)
+}
+
+/// Checks every request before it is routed, and adds the headers of every response.
+async fn guard(State(live): Shared, request: Request, next: Next) -> Response {
+    let path = request.uri().path();
+    let open = assets::file(path).is_some() || path == "/session";
+    let mut response = match live.door.check(request.method(), request.uri(), request.headers(), open) {
+        Ok(()) => next.run(request).await,
+        Err(Denied { status, why }) => (status, Json(json!({"code": "denied", "why": why}))).into_response(),
+    };
+    let headers = response.headers_mut();
+    for (name, value) in HEADERS {
+        headers.insert(HeaderName::from_static(name), HeaderValue::from_static(value));
+    }
+    headers.entry(header::CACHE_CONTROL).or_insert(HeaderValue::from_static("no-store"));
+    response
+}
+
+/// A file of the page; 404 for any other path.
+async fn file(request: Request) -> Response {
+    match assets::file(request.uri().path()) {
+        Some((kind, content)) => ([(header::CONTENT_TYPE, kind)], content).into_response(),
+        None => missing("there is nothing at this address"),
+    }
+}
+
+fn missing(why: &str) -> Response {
+    (StatusCode::NOT_FOUND, Json(json!({"code": "missing", "why": why}))).into_response()
+}
+
+fn malformed(why: &dyn std::fmt::Display) -> Response {
+    (StatusCode::BAD_REQUEST, Json(json!({"code": "malformed", "why": why.to_string()}))).into_response()
+}
+
+/// Parses a body and answers it on a thread that may block.
+async fn answer<T: DeserializeOwned + Send + 'static>(
+    live: Arc<Live>,
+    body: Bytes,
+    act: impl FnOnce(&Live, T) -> Result<Value, Refused> + Send + 'static,
+) -> Response {
+    let parsed = match serde_json::from_slice(&body) {
+        Ok(parsed) => parsed,
+        Err(error) => return malformed(&error),
+    };
+    match tokio::task::spawn_blocking(move || act(&live, parsed)).await {
+        Ok(Ok(value)) => Json(value).into_response(),
+        Ok(Err(refused)) => {
+            let status = match &refused {
+                Refused::Stale { .. } | Refused::Nothing => StatusCode::CONFLICT,
+                Refused::Gone { .. } => StatusCode::GONE,
+                Refused::Confined => StatusCode::FORBIDDEN,
+                Refused::Fixed { .. } | Refused::Invalid { .. } => StatusCode::UNPROCESSABLE_ENTITY,
+                Refused::Unwritten { .. } => StatusCode::INSUFFICIENT_STORAGE,
+            };
+            (status, Json(refused)).into_response()
+        }
+        Err(_) => failed("the request ended in an error of this program"),
+    }
+}
+
+fn failed(why: &str) -> Response {
+    (StatusCode::INTERNAL_SERVER_ERROR, Json(json!({"code": "failed", "why": why}))).into_response()
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Token {
+    token: String,
+}
+
+/// Exchanges the token for the cookie.
+async fn session(State(live): Shared, body: Bytes) -> Response {
+    let admitted = serde_json::from_slice(&body).ok().and_then(|Token { token }| live.door.admit(&token));
+    match admitted.and_then(|cookie| HeaderValue::from_str(&cookie).ok()) {
+        Some(cookie) => ([(header::SET_COOKIE, cookie)], Json(json!({}))).into_response(),
+        None => {
+            let why = "the token is wrong; open the address that `lightharmony watch --serve` printed";
+            (StatusCode::FORBIDDEN, Json(json!({"code": "denied", "why": why}))).into_response()
+        }
+    }
+}
+
+async fn graph(State(live): Shared) -> Response {
+    match tokio::task::spawn_blocking(move || live.with_state(view)).await {
+        Ok(view) => Json(view).into_response(),
+        Err(_) => failed("the graph cannot be described"),
+    }
+}
+
+async fn set(State(live): Shared, body: Bytes) -> Response {
+    answer(live, body, |live, edit: Edit| live.set(&edit)).await
+}
+
+async fn plan(State(live): Shared, body: Bytes) -> Response {
+    answer(live, body, |live, edit: Edit| live.plan(&edit)).await
+}
+
+/// Tries a value; `null` ends the trial.
+async fn try_value(State(live): Shared, body: Bytes) -> Response {
+    answer(live, body, |live, edit: Option<Edit>| match edit {
+        Some(edit) => live.try_value(&edit),
+        None => Ok(live.end_try()),
+    })
+    .await
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Seen {
+    digest: String,
+}
+
+async fn step(State(live): Shared, body: Bytes, undo: bool) -> Response {
+    answer(live, body, move |live, Seen { digest }| live.step(&digest, undo)).await
+}
+
+/// Header of a value, which never changes.
+const IMMUTABLE: (HeaderName, &str) = (header::CACHE_CONTROL, "private, max-age=31536000, immutable");
+
+const GONE: &str = "this value is not in the cache any more, or belongs to another graph";
+
+async fn describe(State(live): Shared, Path(digest): Path<String>) -> Response {
+    let described = move || live.value(&digest).map(|shown| json!(shown.description()));
+    match tokio::task::spawn_blocking(described).await {
+        Ok(Some(json)) => ([IMMUTABLE], Json(json)).into_response(),
+        Ok(None) => missing(GONE),
+        Err(_) => failed("the value cannot be read"),
+    }
+}
+
+/// How a picture is displayed.
+struct Display {
+    /// Exposure of linear light in stops.
+    exposure: f32,
+    /// Longest side in pixels.
+    size: Option<usize>,
+}
+
+impl Display {
+    /// Parses `exposure=1.5&size=160`; `None` for anything else.
+    fn read(query: &str) -> Option<Self> {
+        let mut display = Self { exposure: 0.0, size: None };
+        for (name, value) in query
+            .split('&')
+            .filter(|pair| !pair.is_empty())
+            .map(|pair| pair.split_once('='))
+            .collect::<Option<Vec<_>>>()?
+        {
+            match name {
+                "exposure" => {
+                    display.exposure = value.parse().ok().filter(|stops: &f32| stops.abs() <= 64.0)?;
+                }
+                "size" => display.size = Some(value.parse().ok().filter(|size| *size > 0)?),
+                _ => return None,
+            }
+        }
+        Some(display)
+    }
+}
+
+/// A picture of a value: `0.png`, `0.f32` or `0.f16`.
+async fn picture(
+    State(live): Shared,
+    Path((digest, name)): Path<(String, String)>,
+    RawQuery(query): RawQuery,
+) -> Response {
+    let Some(Display { exposure, size }) = Display::read(&query.unwrap_or_default()) else {
+        return malformed(
+            &"a picture takes `exposure`, between -64 and 64 stops, and `size`, at least 1 pixel",
+        );
+    };
+    let form = name
+        .split_once('.')
+        .and_then(|(number, form)| Some((number.parse::<usize>().ok()?, form.to_owned())));
+    let Some((number, form)) = form.filter(|(_, form)| ["png", "f32", "f16"].contains(&form.as_str())) else {
+        return missing("a picture is named `0.png`, `0.f32` or `0.f16`");
+    };
+    let tag = format!("\"{digest}-{name}-{exposure}-{}\"", size.unwrap_or_default());
+    let bytes = move || {
+        let shown = live.value(&digest)?;
+        let picture = &shown.pictures.get(number)?.picture;
+        Some(match form.as_str() {
+            "png" => png(picture, exposure, size).map(|bytes| ("image/png", bytes)),
+            "f32" => Ok(("application/octet-stream", floats(picture))),
+            _ => Ok(("application/octet-stream", halves(picture))),
+        })
+    };
+    match tokio::task::spawn_blocking(bytes).await {
+        Ok(Some(Ok((kind, bytes)))) => (
+            [
+                (header::CONTENT_TYPE, kind.to_owned()),
+                (header::ETAG, tag),
+                (IMMUTABLE.0, IMMUTABLE.1.to_owned()),
+            ],
+            bytes,
+        )
+            .into_response(),
+        Ok(None) => missing(GONE),
+        Ok(Some(Err(_))) | Err(_) => failed("the picture cannot be encoded"),
+    }
+}

@@ -1,0 +1,9 @@
+//! Tests of the server by raw HTTP requests, with a real watch, files and cache.
+#![allow(clippy::unwrap_used, missing_docs, reason = "a test may stop at the first surprise")]
+
+mod edits;
+mod events;
+mod lab;
+mod round_trip;
+mod security;
+mod values;

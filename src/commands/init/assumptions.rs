@@ -1,0 +1,135 @@
+//! The list of the assumptions of a graph that `init` writes.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use engine::Up;
+
+use super::graph::{ALBEDO, length, number, percent, vector};
+use super::sky::Sky;
+use super::survey::{Survey, is_known};
+use crate::session::standing::UpBy;
+
+/// Describes a confidence in words.
+fn sure(confidence: f64) -> String {
+    let word = if confidence >= nodes::geometry::level::SURE {
+        "sure"
+    } else if confidence >= 0.6 {
+        "likely"
+    } else {
+        "not sure"
+    };
+    format!("{word} ({confidence:.2})")
+}
+
+/// Lists the assumptions, one per line, each with its confidence and the line of the graph to edit.
+pub fn list(survey: &Survey, graph: &str, path: &Path) -> String {
+    let s = survey;
+    let at = |begin: &str| {
+        let number = graph.lines().position(|line| line.trim_start().starts_with(begin)).map_or(0, |n| n + 1);
+        format!("{}:{number}", path.display())
+    };
+    let digits = s.decimals().min(3);
+    let mut out = String::from("assumed:\n");
+    let mut line = |what: &str, value: String, confidence: Option<f64>, begin: &str| {
+        let confidence = confidence.map(|c| format!(", {}", sure(c))).unwrap_or_default();
+        // Writing to a string cannot fail.
+        let _ = writeln!(out, "{what:>9}  {value}{confidence}   [{}]", at(begin));
+    };
+    let by = match s.standing.by {
+        UpBy::Measured if s.standing.stand.by_cameras => "measured from the cameras",
+        UpBy::Measured => "measured from the ground and the objects on it",
+        UpBy::Format => "defined by the file format, but not confirmed by the splats",
+        UpBy::Guessed => "guessed",
+    };
+    let turned = if s.standing.matrix.is_some() { " after the rotation by `matrix`" } else { "" };
+    line("up", format!("{}{turned}, {by}", s.standing.up.name()), Some(s.standing.confidence), "scene: (");
+    let axis = match s.standing.up {
+        Up::PlusZ => ("z", 1.0),
+        Up::PlusY => ("y", 1.0),
+        Up::MinusY => ("y", -1.0),
+    };
+    let floor = length(s.standing.stand.floor * axis.1, digits);
+    let ceiling = s
+        .standing
+        .stand
+        .ceiling
+        .map(|c| format!(", ceiling at {}", length(c * axis.1, digits)))
+        .unwrap_or_default();
+    line(
+        "floor",
+        format!("{} = {floor}{ceiling}", axis.0),
+        Some(s.standing.stand.floor_confidence.min(s.standing.confidence)),
+        "pose:",
+    );
+    match s.standing.stand.scale.metres_per_unit {
+        Some(_) if is_known(&s.standing.stand) => line(
+            "scale",
+            format!("{} m per unit: {}", number(s.metres_per_unit), s.standing.stand.scale.reason),
+            Some(s.standing.stand.scale.confidence),
+            "scene: (",
+        ),
+        _ => line(
+            "scale",
+            format!("NOT KNOWN; the graph assumes {} m per unit", number(s.metres_per_unit)),
+            None,
+            "scene: (",
+        ),
+    }
+    match s.arranged.surface {
+        Some(surface) => line(
+            "place",
+            format!(
+                "{} on a level surface, {} above the floor, with {} of free space around it",
+                vector(s.translation),
+                length(surface.height.max(0.0), digits),
+                length(surface.radius, digits)
+            ),
+            None,
+            "pose:",
+        ),
+        None => {
+            line("place", format!("{}; NO LEVEL SURFACE was found", vector(s.translation)), None, "pose:");
+        }
+    }
+    let size = s.extents.size().max_element();
+    let units = length(size / s.metres_per_unit * s.arranged.scale, digits);
+    if s.arranged.fitted && is_known(&s.standing.stand) {
+        let text = format!("scaled by {} to {units} units, to fit", number(s.arranged.scale));
+        line("size", text, None, "pose:");
+    } else {
+        line("size", format!("unchanged from its file: {size:.2} m, which is {units} units"), None, "pose:");
+    }
+    match (&s.photo, s.arranged.view) {
+        (Some(photo), _) => {
+            line("camera", format!("the camera of the photograph, `{}`", photo.camera), None, "camera:");
+        }
+        (None, Some(view)) => {
+            let shows =
+                if view.score >= 0.6 { "sees the object well" } else { "does NOT see the object well" };
+            line("camera", format!("at {}, {shows}", vector(view.eye)), None, "camera:");
+        }
+        (None, None) => {
+            line("camera", "NO FREE PLACE with a view of the object was found".to_owned(), None, "camera:");
+        }
+    }
+    match s.sky {
+        Sky::Seen => {}
+        Sky::Missing(share) => {
+            let (share, albedo) = (percent(share), number(ALBEDO));
+            let text = format!(
+                "{share} of the upper half shows nothing; a white sky was assumed there, as bright as a ground of albedo {albedo} requires"
+            );
+            line("light", text, None, "env:");
+        }
+        Sky::Unknown(share) => {
+            let text = format!("NOT KNOWN, because {} of the upper half shows nothing", percent(share));
+            line("light", text, None, "env:");
+        }
+    }
+    if s.mesh.is_none() {
+        let made = if s.arranged.surface.is_some() { "extracted from the splats" } else { "a plane" };
+        line("mesh", made.to_owned(), None, "proxy:");
+    }
+    out
+}

@@ -1,0 +1,511 @@
+#!/usr/bin/env python3
+"""Tests of the live page in a real browser: Chromium, without a window, driven by chromedriver over plain WebDriver.
+
+    tests/page/browser.py [--shots DIR] [--only NAME].. [PROGRAM]
+
+PROGRAM is a `lightharmony` with the feature `serve` [default: target/release/lightharmony]. On Debian:
+`apt-get install --no-install-recommends chromium chromium-driver`. Needs nothing beyond the standard library. `--shots`
+writes a screenshot after each scenario. Exit code 0 if all scenarios pass, 77 if there is no browser.
+"""
+import argparse, base64, contextlib, http.server, json, pathlib, re, shutil, signal, socket, subprocess, sys, tempfile
+import threading, time, urllib.error, urllib.request
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+# A yaw that is unique in the text, so that a scenario can find it.
+GRAPH = """// A vase on a table; this comment and its layout must survive every edit.
+Graph(
+    version: 1,
+    scene: (up: "+z", metres_per_unit: 1.0, seed: 7),
+    nodes: (
+        demo:   DemoScene(place: Room, splats: 5000, width_px: 160, height_px: 120, truth_width_px: 32),
+        pose:   Pose(translation: (-0.02, -0.06, 0.44), yaw_deg: -24.0, scale: 1.2),   // the object
+        placed: Place(object: "demo.object", pose: "pose"),
+        probe:  CubeRig(at: "pose", height_metres: 0.3, size_px: 64),
+        faces:  SplatRender(splats: "demo.splats", rig: "probe"),
+        pano:   Stitch(views: "faces", width_px: 256),
+        dark:   PredictExposure(pano: "pano", evs: [-6.0, -3.0], method: Region),
+        env:    FuseHdr(base: "pano", brackets: "dark"),
+        view:   SplatRender(splats: "demo.splats", rig: "demo.rig"),
+        trace:  PathTrace(receiver: "demo.proxy", objects: ["placed"], rig: "demo.rig", env: "env", samples: 8),
+        shadow: ShadowRatio(without: "trace.without", with: "trace.with", gamma: 0.8),
+        final:  Composite(background: "view", object: "trace.object", shadow: "shadow"),
+        save:   WriteImage(image: "final", path: "picture.png"),
+    ),
+)
+"""
+
+
+def free_port():
+    with socket.socket() as s:
+        s.bind(("127.0.0.1", 0))
+        return s.getsockname()[1]
+
+
+class Browser:
+    """A session of chromedriver."""
+
+    def __init__(self, size=(1440, 900), dark=False):
+        self.port = free_port()
+        self.driver = subprocess.Popen(["chromedriver", f"--port={self.port}"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        # WebGL 2 in software.
+        flags = ["--headless=new", "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
+                 f"--window-size={size[0]},{size[1]}", "--disable-gpu-sandbox", "--hide-scrollbars",
+                 "--host-resolver-rules=MAP rebound.test 127.0.0.1"]
+        if dark:
+            flags.append("--force-dark-mode")
+        options = {"args": flags, "binary": shutil.which("chromium")}
+        capabilities = {"alwaysMatch": {"goog:chromeOptions": options, "goog:loggingPrefs": {"browser": "ALL"}}}
+        until(lambda: self.call("GET", "/status")["ready"], "chromedriver starts")
+        self.session = self.call("POST", "/session", {"capabilities": capabilities})["sessionId"]
+        # The size of the page itself, whatever the window adds.
+        self.call("POST", f"/session/{self.session}/goog/cdp/execute", {"cmd": "Emulation.setDeviceMetricsOverride", "params": {
+            "width": size[0], "height": size[1], "deviceScaleFactor": 1, "mobile": False}})
+
+    def call(self, method, path, body=None):
+        data = None if body is None else json.dumps(body).encode()
+        request = urllib.request.Request(f"http://127.0.0.1:{self.port}{path}", data, {"Content-Type": "application/json"}, method=method)
+        try:
+            with urllib.request.urlopen(request, timeout=60) as response:
+                return json.load(response)["value"]
+        except urllib.error.HTTPError as error:
+            raise RuntimeError(json.load(error)["value"]["message"]) from None
+
+    def at(self, method, path, body=None):
+        return self.call(method, f"/session/{self.session}{path}", body)
+
+    def open(self, url):
+        # A new fragment alone would not load the page.
+        self.at("POST", "/url", {"url": "about:blank"})
+        self.at("POST", "/url", {"url": url})
+
+    def js(self, script, *args):
+        return self.at("POST", "/execute/sync", {"script": script, "args": list(args)})
+
+    def text(self, css):
+        return self.js("return document.querySelector(arguments[0])?.textContent ?? ''", css)
+
+    def count(self, css):
+        return self.js("return document.querySelectorAll(arguments[0]).length", css)
+
+    def click(self, css):
+        self.element(css, "click", {})
+
+    def element(self, css, action, body):
+        found = self.at("POST", "/element", {"using": "css selector", "value": css})
+        return self.at("POST", f"/element/{next(iter(found.values()))}/{action}", body)
+
+    def type(self, css, text):
+        """Replaces the text of a field, and presses Enter."""
+        self.js("const i = document.querySelector(arguments[0]); i.focus(); i.select()", css)
+        self.element(css, "value", {"text": text + "\ue007"})
+
+    def keys(self, *keys):
+        down = [{"type": "keyDown", "value": key} for key in keys]
+        up = [{"type": "keyUp", "value": key} for key in reversed(keys)]
+        self.at("POST", "/actions", {"actions": [{"type": "key", "id": "k", "actions": down + up}]})
+
+    def drag(self, start, end, steps=8, hold=None):
+        """Drags the pointer between two points of the page; calls `hold` before it is released."""
+        move = lambda x, y, ms: {"type": "pointerMove", "duration": ms, "x": round(x), "y": round(y), "origin": "viewport"}
+        path = [(start[0] + (end[0] - start[0]) * i / steps, start[1] + (end[1] - start[1]) * i / steps) for i in range(1, steps + 1)]
+        act = lambda actions: self.at("POST", "/actions", {"actions": [{"type": "pointer", "id": "p", "actions": actions}]})
+        act([move(*start, 0), {"type": "pointerDown", "button": 0}] + [move(x, y, 30) for x, y in path])
+        if hold:
+            hold()
+        act([{"type": "pointerUp", "button": 0}])
+
+    def box(self, css):
+        return self.js("const b = document.querySelector(arguments[0]).getBoundingClientRect(); return [b.left, b.top, b.width, b.height]", css)
+
+    def pixel(self, x, y):
+        """The colour of the canvas at a fraction of the picture pane."""
+        return self.js("""const c = document.getElementById("canvas"), gl = c.getContext("webgl2"), p = new Uint8Array(4);
+            gl.readPixels(Math.floor(arguments[0] * c.width), Math.floor((1 - arguments[1]) * c.height), 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, p);
+            return Array.from(p)""", x, y)
+
+    def shot(self, path):
+        path.write_bytes(base64.b64decode(self.at("GET", "/screenshot")))
+
+    def console(self):
+        """Errors of the console since the last call."""
+        return [entry["message"] for entry in self.at("POST", "/se/log", {"type": "browser"}) if entry["level"] == "SEVERE"]
+
+    def close(self):
+        with contextlib.suppress(Exception):
+            self.at("DELETE", "")
+        self.driver.kill()
+        self.driver.wait()
+
+
+class Place:
+    """A folder with a graph, and a watch of it that serves the page."""
+
+    def __init__(self, program, graph=GRAPH):
+        self.folder = tempfile.TemporaryDirectory()
+        self.path = pathlib.Path(self.folder.name)
+        self.program, self.graph = program, self.path / "graph.ron"
+        self.write(graph)
+        self.start()
+
+    def start(self):
+        command = [self.program, "watch", "graph.ron", "--serve", "--json", "--cache", "cache"]
+        self.watch = subprocess.Popen(command, cwd=self.path, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+        self.url = json.loads(self.watch.stdout.readline())["url"]
+        self.events = []
+        threading.Thread(target=self.follow, args=(self.watch, self.events), daemon=True).start()
+
+    @staticmethod
+    def follow(watch, events):
+        for line in watch.stdout:
+            events.append(json.loads(line))
+
+    def idle(self):
+        until(lambda: self.events and self.events[-1]["event"] in ("idle", "same"), "the watch is idle", 120)
+
+    def write(self, text):
+        (self.path / "new").write_bytes(text.encode())
+        (self.path / "new").replace(self.graph)
+
+    def text(self):
+        return self.graph.read_bytes().decode()
+
+    def memory(self):
+        status = pathlib.Path(f"/proc/{self.watch.pid}/status").read_text()
+        return int(re.search(r"VmRSS:\s+(\d+)", status)[1]) / 1024
+
+    def stop(self, how=signal.SIGKILL):
+        self.watch.send_signal(how)
+        self.watch.wait()
+
+
+def until(good, what, seconds=20):
+    """Waits until `good()` is true; returns the seconds that it took."""
+    begin = time.monotonic()
+    while True:
+        try:
+            if good():
+                return time.monotonic() - begin
+        except (OSError, KeyError, RuntimeError):
+            pass
+        if time.monotonic() - begin > seconds:
+            raise AssertionError(f"not within {seconds} s: {what}")
+        time.sleep(0.01)
+
+
+def check(good, what):
+    if not good:
+        raise AssertionError(what)
+
+
+def ready(b):
+    """Waits until the page shows the end of a run."""
+    until(lambda: "up to date" in b.text("#status"), "the page is up to date", 120)
+
+
+def choose(b, node):
+    b.js("for (const g of document.querySelectorAll('g.node')) if (g.querySelector('text').textContent === arguments[0]) g.dispatchEvent(new MouseEvent('click'))", node)
+    until(lambda: b.text("#node h2").startswith(f"{node}:"), f"{node} is chosen")
+
+
+# ---- scenarios; each gets a browser with the page open, and the place
+
+
+def opens(b, p):
+    """The page shows the graph, the states and the picture, and forgets the token."""
+    check("#" not in b.js("return location.href"), "the token is not in the address any more")
+    ready(b)
+    check(b.count("g.node") == 13, f"13 nodes are drawn, not {b.count('g.node')}")
+    check(b.count("g.node.failed") == 0, "nothing failed")
+    until(lambda: b.pixel(0.5, 0.5)[3] == 255, "the picture is drawn")
+    colours = {tuple(b.pixel(x / 8, y / 8)) for x in range(2, 7) for y in range(2, 7)}
+    check(len(colours) > 8, "the picture has content")
+
+
+def edits(b, p):
+    """A value typed on the page changes exactly its bytes, and the picture follows."""
+    ready(b)
+    before = p.text()
+    choose(b, "pose")
+    b.type('[aria-label="yaw_deg as text"]', "35.5")
+    until(lambda: p.text() == before.replace("-24.0", "35.5"), "the bytes of the value and nothing else")
+    ready(b)
+    b.keys("\ue009", "z")
+    until(lambda: p.text() == before, "Ctrl+Z restores the bytes")
+    b.keys("\ue009", "\ue008", "z")
+    until(lambda: "35.5" in p.text(), "Ctrl+Shift+Z makes the edit again")
+    until(lambda: not b.js("return document.getElementById('undo').disabled"), "undo is offered")
+    b.click("#undo")
+    until(lambda: p.text() == before, "the button restores the bytes")
+
+
+def drags(b, p):
+    """A slider is tried while it is dragged and written once at its end."""
+    ready(b)
+    p.idle()
+    before = p.text()
+    choose(b, "pose")
+    slider = '[data-field="yaw_deg"] input[type="range"]'
+    x, y, w, h = b.box(slider)
+    first = len(p.events)
+    begin = time.monotonic()
+    took = {}
+
+    def hold():
+        check(p.text() == before, "nothing is written during the drag")
+        until(lambda: "trying a value" in b.text("#status"), "the value is tried")
+        until(lambda: any(e["event"] == "file" for e in p.events[first:]), "a preview during the drag")
+        took["preview"] = time.monotonic() - begin
+
+    b.drag((x + w * 0.43, y + h / 2), (x + w * 0.7, y + h / 2), hold=hold)
+    until(lambda: p.text() != before, "the value is written at the end")
+    value = re.search(r"yaw_deg: ([-\d.]+)", p.text())[1]
+    check(p.text() == before.replace("-24.0", value), "only the bytes of the value differ")
+    check(20 < float(value) < 120, f"the value follows the pointer: {value}")
+    ready(b)
+    check("trying" not in b.text("#status"), "nothing is tried any more")
+    print(f"    first preview {took['preview']:.2f} s after the start of a drag of 0.25 s")
+
+
+def follows(b, p):
+    """The page follows a save in an editor in under half a second."""
+    ready(b)
+    p.write(p.text().replace("gamma: 0.8", "gamma: 0.55"))
+    b.click("#tab-text")
+    took = until(lambda: "gamma: 0.55" in b.text("#text"), "the text follows")
+    check(took < 0.5, f"{took:.2f} s")
+    print(f"    {took:.2f} s after the save")
+    ready(b)
+    b.click("#tab-graph")
+
+
+def conflicts(b, p):
+    """Two editors at once: the stale edit is refused, and neither loses anything."""
+    ready(b)
+    choose(b, "pose")
+    # The page does not hear of the save before its edit arrives.
+    b.js("window.stop = new Promise((go) => { window.go = go; }); const f = fetch; window.fetch = async (...a) => { if (a[0] === '/set') await window.stop; return f(...a); }")
+    b.js("""const i = document.querySelector('[aria-label="scale as text"]'); i.value = '2.5'; i.dispatchEvent(new Event('change'))""")
+    theirs = p.text().replace("seed: 7", "seed: 8")
+    p.write(theirs)
+    time.sleep(0.1)
+    b.js("window.go()")
+    until(lambda: "another program" in b.text("#notice").lower(), "the conflict is named")
+    check(p.text() == theirs, "the other program's text is untouched")
+    ready(b)
+    b.type('[aria-label="scale as text"]', "2.5")
+    until(lambda: p.text() == theirs.replace("scale: 1.2", "scale: 2.5"), "the edit can be made again")
+    # Undo reaches back over the other program's change.
+    for expected in (theirs, theirs.replace("seed: 8", "seed: 7")):
+        until(lambda: not b.js("return document.getElementById('undo').disabled"), "undo is offered")
+        until(lambda: b.js("return document.getElementById('status').textContent") != "", "it answers")
+        b.click("#undo")
+        until(lambda: p.text() == expected, "undo")
+
+
+def mistakes(b, p):
+    """A mistake is shown at its place in the text, and the last good picture stays."""
+    ready(b)
+    good = p.text()
+    p.write(good.replace("yaw_deg", "yaw_dge"))
+    until(lambda: "did you mean `yaw_deg`?" in b.text("#mistakes"), "the mistake is listed")
+    b.js("document.querySelector('#mistakes button').click()")
+    until(lambda: b.text("#text mark") == "yaw_dge", "it is underlined in the text")
+    check(b.pixel(0.5, 0.5)[3] == 255, "the last picture stays")
+    p.graph.unlink()
+    until(lambda: "cannot read the graph" in b.text("#mistakes"), "a deleted graph is named")
+    p.write(good)
+    until(lambda: b.text("#mistakes") == "", "the mistake is gone")
+    ready(b)
+    b.click("#tab-graph")
+
+
+def pictures(b, p):
+    """Exposure, tone curve, read-out, layers, and zoom change what is drawn."""
+    ready(b)
+    b.js("const s = document.getElementById('output'); s.value = 'env.env'; s.dispatchEvent(new Event('change'))")
+    until(lambda: b.js("return document.getElementById('output').value") == "env.env", "the environment is chosen")
+    until(lambda: b.pixel(0.5, 0.5)[3] == 255, "it is drawn")
+    time.sleep(0.3)
+    at = lambda: b.pixel(0.5, 0.45)[:3]
+    plain = at()
+    exposure = lambda v: b.js("const e = document.getElementById('exposure'); e.value = arguments[0]; e.dispatchEvent(new Event('input'))", v)
+    exposure(-3)
+    until(lambda: sum(at()) < sum(plain), "a lower exposure is darker")
+    exposure(0)
+    b.js("const c = document.getElementById('curve'); c.value = '2'; c.dispatchEvent(new Event('input'))")
+    until(lambda: at() != plain, "false colour")
+    b.js("const c = document.getElementById('curve'); c.value = '0'; c.dispatchEvent(new Event('input'))")
+    x, y, w, h = b.box("#view")
+    b.at("POST", "/actions", {"actions": [{"type": "pointer", "id": "p", "actions": [{"type": "pointerMove", "x": round(x + w / 2), "y": round(y + h / 2), "origin": "viewport"}]}]})
+    until(lambda: re.match(r"\(\d+, \d+\)   A [\d.]+  [\d.]+  [\d.]+$", b.text("#pixel")), f"read-out: {b.text('#pixel')}")
+    b.js("const s = document.getElementById('output'); s.value = 'view.views'; s.dispatchEvent(new Event('change'))")
+    until(lambda: b.count("#layer option") == 2, "a view has colour and depth")
+    b.js("const s = document.getElementById('layer'); s.value = '1'; s.dispatchEvent(new Event('change'))")
+    until(lambda: len(set(b.pixel(0.5, 0.5)[:3])) == 1, "depth is grey")
+    b.click("#whole")
+    b.click("#fit")
+
+
+def compares(b, p):
+    """A and B: the slider, the flip key, the difference, against the history."""
+    ready(b)
+    choose(b, "shadow")
+    b.type('[aria-label="gamma as text"]', "0.2")
+    until(lambda: "gamma: 0.2" in p.text(), "the edit")
+    ready(b)
+    b.js("const s = document.getElementById('output'); s.value = 'final.image'; s.dispatchEvent(new Event('change'))")
+    until(lambda: b.count("#other optgroup[label=History] option") >= 2, "the history is offered")
+    b.js("const s = document.getElementById('other'); s.value = [...s.querySelectorAll('optgroup[label=History] option')].at(-1).value; s.dispatchEvent(new Event('change'))")
+    until(lambda: b.js("return !document.getElementById('split').hidden"), "the slider is there")
+    grid = [(x / 12, y / 12) for x in range(1, 12) for y in range(1, 12)]
+    colours = lambda: [tuple(b.pixel(*at)) for at in grid]
+    b.js("document.getElementById('view').focus()")
+    b.keys("f")
+    until(lambda: b.js("return document.getElementById('mode').value") == "2", "the key shows B")
+    second = colours()
+    b.keys("f")
+    until(lambda: b.js("return document.getElementById('mode').value") == "0", "the key shows A")
+    check(colours() != second, "A and B differ")
+    b.keys("d")
+    until(lambda: b.js("return document.getElementById('mode').value") == "3", "difference")
+    check(any(sum(c[:3]) > 0 for c in colours()), "the difference is not black")
+    b.keys("s")
+    x, y, w, h = b.box("#split")
+    b.drag((x + w / 2, y + h / 2), (x - 150, y + h / 2))
+    check(b.box("#split")[0] < x - 100, "the slider moves")
+
+
+def restarts(b, p):
+    """The server is killed and started again: the page reconnects by itself, and undo still works."""
+    ready(b)
+    before = p.text()
+    choose(b, "pose")
+    b.type('[aria-label="scale as text"]', "1.75")
+    until(lambda: "1.75" in p.text(), "the edit")
+    ready(b)
+    url = p.url
+    p.stop()
+    until(lambda: "not connected" in b.text("#status"), "the loss is named")
+    b.console()
+    p.start()
+    check(p.url == url, "the address is the same")
+    until(lambda: "not connected" not in b.text("#status"), "the page reconnects", 30)
+    b.console()
+    ready(b)
+    b.click("#undo")
+    until(lambda: p.text() == before, "the edit of before the restart is undone")
+
+
+def refuses(b, p):
+    """A page of another origin, and a host name rebound to this machine, get nothing."""
+    ready(b)
+    before = p.text()
+    port = int(re.search(r":(\d+)/", p.url)[1])
+    attack = b"<!doctype html><title>attack</title>"
+
+    class Site(http.server.BaseHTTPRequestHandler):
+        def do_GET(self):
+            self.send_response(200)
+            self.send_header("Content-Type", "text/html")
+            self.end_headers()
+            self.wfile.write(attack)
+
+        def log_message(self, *_):
+            pass
+
+    site = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Site)
+    threading.Thread(target=site.serve_forever, daemon=True).start()
+    script = """const done = arguments[1]; (async () => { const out = {}; const base = arguments[0];
+        for (const [name, url, init] of [
+            ['read', '/graph', {credentials: 'include'}],
+            ['simple', '/set', {method: 'POST', credentials: 'include', body: '{}'}],
+            ['blind', '/set', {method: 'POST', mode: 'no-cors', credentials: 'include', body: '{}'}],
+            ['header', '/set', {method: 'POST', credentials: 'include', headers: {'X-Lightharmony': '1', 'Content-Type': 'application/json'}, body: '{}'}],
+        ]) { try { const r = await fetch(base + url, init); out[name] = [r.type, r.status]; } catch { out[name] = 'refused'; } }
+        out.image = await new Promise((go) => { const i = new Image(); i.onload = () => go('loaded'); i.onerror = () => go('refused'); i.src = base + '/value/' + '0'.repeat(64) + '/0.png'; });
+        out.frame = await new Promise((go) => { const f = document.createElement('iframe'); f.onload = () => { try { go(f.contentDocument?.body?.textContent ? 'read' : 'refused'); } catch { go('refused'); } }; f.src = base + '/'; document.body.append(f); });
+        done(out); })()"""
+    attempt = lambda base: b.at("POST", "/execute/async", {"script": script, "args": [base]})
+    for origin in (f"http://localhost:{site.server_port}", f"http://127.0.0.1:{site.server_port}"):
+        b.at("POST", "/url", {"url": origin})
+        found = attempt(f"http://127.0.0.1:{port}")
+        check(found["read"] == found["simple"] == found["header"] == found["image"] == found["frame"] == "refused", f"{origin}: {found}")
+    # DNS rebinding: the name of the attacker now leads to this machine.
+    b.at("POST", "/url", {"url": f"http://rebound.test:{port}/"})
+    check("this server answers only at its own local address" in b.text("body"), "a rebound host is refused")
+    site.shutdown()
+    check(p.text() == before, "nothing was written")
+    b.console()
+    b.open(p.url)
+    ready(b)
+
+
+SCENARIOS = [opens, edits, drags, follows, conflicts, mistakes, pictures, compares, restarts, refuses]
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("program", nargs="?", default=str(ROOT / "target/release/lightharmony"))
+    parser.add_argument("--shots", type=pathlib.Path)
+    parser.add_argument("--only", action="append")
+    args = parser.parse_args()
+    if not shutil.which("chromium") or not shutil.which("chromedriver"):
+        print("there is no chromium or chromedriver here; nothing was tested")
+        return 77
+    if args.shots:
+        args.shots.mkdir(parents=True, exist_ok=True)
+    program, failed, begin = str(pathlib.Path(args.program).resolve()), 0, time.monotonic()
+    place = Place(program)
+    place.idle()
+    browser = Browser()
+    try:
+        for scenario in SCENARIOS:
+            if args.only and scenario.__name__ not in args.only:
+                continue
+            start = time.monotonic()
+            try:
+                place.write(GRAPH)
+                time.sleep(0.15)
+                place.idle()
+                browser.open(place.url)
+                used = until(lambda: browser.count("g.node") > 0, "the page is usable")
+                browser.console()
+                scenario(browser, place)
+                errors = browser.console()
+                # A refusal of an edit is an answer, which the console also lists.
+                errors = [e for e in errors if not re.search(r"/(set|plan|try|undo|redo) - Failed to load resource", e)]
+                check(not errors, f"errors on the console: {errors}")
+                print(f"ok   {scenario.__name__}: {scenario.__doc__} ({time.monotonic() - start:.1f} s; usable after {used:.2f} s)")
+            except Exception as error:
+                failed += 1
+                print(f"FAIL {scenario.__name__}: {scenario.__doc__}\n     {error}\n     status: {browser.text('#status')}; notice: {browser.text('#notice')}")
+            if args.shots:
+                browser.shot(args.shots / f"{scenario.__name__}.png")
+        print(f"memory of the watch with its page: {place.memory():.0f} MiB")
+    finally:
+        browser.close()
+        place.stop()
+    if args.shots and not args.only:
+        looks(program, args.shots)
+    print(f"{len(SCENARIOS) - failed} of {len(SCENARIOS)} scenarios in {time.monotonic() - begin:.0f} s" if not args.only else "")
+    return 1 if failed else 0
+
+
+def looks(program, folder):
+    """Screenshots on a laptop and on a 4K screen, light and dark."""
+    place = Place(program)
+    place.idle()
+    for name, size, theme in (("laptop-light", (1366, 768), "light"), ("laptop-dark", (1366, 768), "dark"), ("uhd-dark", (3840, 2160), "dark")):
+        browser = Browser(size)
+        browser.open(place.url)
+        browser.js("document.documentElement.dataset.theme = arguments[0]", theme)
+        ready(browser)
+        until(lambda: browser.pixel(0.5, 0.5)[3] == 255, "the picture is drawn")
+        time.sleep(0.5)
+        browser.shot(folder / f"{name}.png")
+        browser.close()
+    place.stop()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
