@@ -1,6 +1,5 @@
 //! Decodes pictures of any format: PNG, JPEG, OpenEXR or Radiance HDR, detected by their first bytes.
 
-use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
@@ -200,7 +199,9 @@ fn of_raster(
             SourceColour::Icc(profile) if profile.name.is_empty() => "an ICC profile".to_owned(),
             SourceColour::Icc(profile) => format!("the ICC profile `{}`", profile.name),
             SourceColour::Space(space) => format!("code points (cICP) of {space:?}"),
-            SourceColour::Linear(_) => "chromaticities".to_owned(),
+            SourceColour::Linear(_) | SourceColour::Display(_) => {
+                "chromaticities other than those of sRGB".to_owned()
+            }
         };
         let (id, as_what) = if colour.is_scene() {
             ("linear-profile", "linear light")
@@ -285,14 +286,17 @@ fn no_layer(name: &str, file: &exr::Opened<'_>, names: &[String], chroma: bool) 
         "" => "the picture has neither channels R, G and B nor a channel Y".to_owned(),
         layer => format!("the picture has no layer `{layer}`"),
     };
-    let layers: BTreeSet<&str> =
-        names.iter().map(|name| name.rsplit_once('.').map_or(name.as_str(), |(layer, _)| layer)).collect();
-    let layers: Vec<String> = layers.into_iter().take(20).map(|layer| format!("`{layer}`")).collect();
+    let layers: Vec<String> = file.layers().into_iter().take(20).map(|layer| format!("`{layer}`")).collect();
     let mut text = format!("{what}; `layer` may be one of {}", layers.join(", "));
     if file.parts() > 1 {
         text.push_str(&format!(", or a part: {}", file.part_names().join(", ")));
     }
-    Error::format(name, format!("{text}; its channels are {}", names.join(", ")))
+    let of = if file.parts() > 1 {
+        format!("the channels of the part `{}`", file.part())
+    } else {
+        "its channels".to_owned()
+    };
+    Error::format(name, format!("{text}; {of} are {}", names.join(", ")))
 }
 
 /// Replaces NaN with 0 and, unless the picture is data, infinite samples with the largest 16-bit float.

@@ -5,6 +5,7 @@ use std::io::Read as _;
 use flate2::read::ZlibDecoder;
 use png::{BitDepth, CodingIndependentCodePoints, ColorType, Decoder, Encoder, Limits, Transformations};
 
+use super::exr::differ_from_srgb;
 use super::icc;
 pub use super::png_pack::Packing;
 use super::png_pack::pack;
@@ -59,7 +60,8 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Rast
     let info = reader.info();
     let (width, height) = (info.width, info.height);
     let (mut ignored, mut colour) = (Vec::new(), None);
-    // A code of H.273 takes precedence over a profile, and that over the sRGB chunk (PNG, third edition, 4.3).
+    // A code of H.273 takes precedence over a profile, that over the sRGB chunk, and that over gamma and chromaticities
+    // (PNG, third edition, 4.3).
     if let Some(code) = info.coding_independent_code_points {
         match space_of(code) {
             Some(space) => colour = (space != Space::Srgb).then_some(SourceColour::Space(space)),
@@ -72,11 +74,8 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Rast
         if let Some(meaning) = profile(bytes) {
             colour = meaning.profile.map(|profile| SourceColour::Icc(Box::new(profile)));
             ignored.extend(meaning.ignored);
-        }
-        if let Some(gamma) = info.gama_chunk.map(|g| g.into_value())
-            && (gamma - 0.45455).abs() > 0.001
-        {
-            ignored.push(format!("a gamma of {gamma}"));
+        } else {
+            colour = chromaticities(info, &mut ignored);
         }
     }
     if info.animation_control.is_some() {
@@ -131,6 +130,25 @@ fn space_of(code: CodingIndependentCodePoints) -> Option<Space> {
         })
         .filter(|_| rgb)
         .map(|(space, ..)| *space)
+}
+
+/// The colour that the chunks `cHRM` and `gAMA` state, if it is not sRGB. A gamma that is not that of sRGB is added to
+/// `ignored`, with the chromaticities, which would be applied to wrong light.
+fn chromaticities(info: &png::Info<'_>, ignored: &mut Vec<String>) -> Option<SourceColour> {
+    let xy = info
+        .chrm_chunk
+        .map(|c| [c.red, c.green, c.blue, c.white].map(|(x, y)| [x.into_value(), y.into_value()]));
+    let xy = xy.filter(|xy| differ_from_srgb(Some(xy)));
+    let gamma = info.gama_chunk.map(|g| g.into_value()).filter(|gamma| (gamma - 0.45455).abs() > 0.001);
+    if let Some(gamma) = gamma {
+        ignored.push(format!("a gamma of {gamma}"));
+    }
+    let xy = xy?;
+    let colour = SourceColour::display(xy).filter(|_| gamma.is_none());
+    if colour.is_none() {
+        ignored.push("chromaticities other than those of sRGB".to_owned());
+    }
+    colour
 }
 
 /// The meaning of the colour profile of a PNG; `None` if it has no profile. Inflates at most [`icc::LARGEST`]
@@ -351,6 +369,24 @@ pub(crate) mod tests {
         };
         assert_eq!((gamma(1.0).codes, gamma(1.0).ignored), (codes(&ramp), vec!["a gamma of 1".to_owned()]));
         assert_eq!(gamma(1.0 / 2.2).ignored, Vec::<String>::new());
+        let stated = |gamma: f32, srgb: bool| {
+            file(ColorType::Grayscale, BitDepth::Eight, &ramp, &|info| {
+                let p3 = png::SourceChromaticities::new(
+                    (0.3127, 0.329),
+                    (0.68, 0.32),
+                    (0.265, 0.69),
+                    (0.15, 0.06),
+                );
+                (info.source_chromaticities, info.chrm_chunk) = (Some(p3), Some(p3));
+                info.source_gamma = Some(png::ScaledFloat::new(gamma));
+                info.gama_chunk = info.source_gamma;
+                info.srgb = srgb.then_some(png::SrgbRenderingIntent::Perceptual);
+            })
+        };
+        let p3 = SourceColour::display([[0.68, 0.32], [0.265, 0.69], [0.15, 0.06], [0.3127, 0.329]]);
+        assert_eq!((stated(0.45455, false).colour, stated(0.45455, false).ignored), (p3, Vec::new()));
+        assert_eq!((stated(0.45455, true).colour, stated(0.45455, true).ignored), (None, Vec::new()));
+        assert_eq!((stated(1.0, false).colour, stated(1.0, false).ignored.len()), (None, 2));
         let profile = file(ColorType::Grayscale, BitDepth::Eight, &ramp, &|info| {
             info.icc_profile = Some(vec![1, 2, 3].into());
         });

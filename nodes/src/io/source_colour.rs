@@ -5,7 +5,7 @@ use super::progress::Progress;
 use crate::error::Error;
 use crate::math::color::primaries::{Matrix, Primaries, REC709, product_vector};
 use crate::math::color::space::{Conversion, Reference, Space};
-use crate::math::color::srgb_from_linear;
+use crate::math::color::{linear_from_srgb, srgb_from_linear};
 
 /// How a file encodes its colours.
 #[derive(Debug, Clone, PartialEq)]
@@ -14,6 +14,8 @@ pub enum SourceColour {
     Space(Space),
     /// Linear light with the given matrix to linear Rec.709.
     Linear(Matrix),
+    /// The curve of sRGB, and light whose matrix to linear Rec.709 is given.
+    Display(Matrix),
     /// An ICC profile with a curve for each channel and a matrix.
     Icc(Box<icc::Profile>),
 }
@@ -21,14 +23,13 @@ pub enum SourceColour {
 impl SourceColour {
     /// Linear light with the given chromaticities: x and y of red, green, blue and white. `None` if they do not span
     /// a colour space: values that are not finite, a y of 0, or primaries on one line.
-    pub fn linear([red, green, blue, white]: [[f32; 2]; 4]) -> Option<Self> {
-        let [red, green, blue, white] = [red, green, blue, white].map(|xy| xy.map(f64::from));
-        let area = (green[0] - red[0]) * (blue[1] - red[1]) - (blue[0] - red[0]) * (green[1] - red[1]);
-        // The green of AP0 has x = 0, and its blue has y < 0; only y = 0 has no tristimulus values.
-        let spans = area.abs() > 1e-4 && [red, green, blue, white].iter().all(|xy| xy[1].abs() > 1e-6);
-        let matrix = Primaries { red, green, blue, white }.to(&REC709);
-        let finite = matrix.iter().flatten().all(|v| v.is_finite() && v.abs() < 1e4);
-        (spans && finite).then_some(SourceColour::Linear(matrix))
+    pub fn linear(xy: [[f32; 2]; 4]) -> Option<Self> {
+        to_rec709(xy).map(SourceColour::Linear)
+    }
+
+    /// Colours with the curve of sRGB and the given chromaticities, which are as in [`linear`](Self::linear).
+    pub fn display(xy: [[f32; 2]; 4]) -> Option<Self> {
+        to_rec709(xy).map(SourceColour::Display)
     }
 
     /// True if the colours become linear light, and false if they become sRGB.
@@ -36,6 +37,7 @@ impl SourceColour {
         match self {
             SourceColour::Space(space) => space.reference() == Reference::Scene,
             SourceColour::Linear(_) => true,
+            SourceColour::Display(_) => false,
             SourceColour::Icc(profile) => profile.is_linear(),
         }
     }
@@ -64,11 +66,15 @@ impl SourceColour {
                 if profile.is_linear() { light } else { light.map(srgb_from_linear) }
             }
             (SourceColour::Linear(matrix), _) => product_vector(matrix, rgb.map(f64::from)).map(|v| v as f32),
+            (SourceColour::Display(matrix), _) => {
+                let light = rgb.map(|code| f64::from(linear_from_srgb(code)));
+                product_vector(matrix, light).map(|v| srgb_from_linear(v as f32))
+            }
             (SourceColour::Space(_), None) => rgb,
         };
         let alpha = channels.is_multiple_of(2);
         let colours = channels - usize::from(alpha);
-        if colours == 1 && matches!(self, SourceColour::Linear(_)) {
+        if colours == 1 && matches!(self, SourceColour::Linear(_) | SourceColour::Display(_)) {
             return Ok(());
         }
         // A multiple of all numbers of channels.
@@ -86,6 +92,17 @@ impl SourceColour {
         }
         Ok(())
     }
+}
+
+/// The matrix from linear light with the given chromaticities to linear Rec.709; see [`SourceColour::linear`].
+fn to_rec709([red, green, blue, white]: [[f32; 2]; 4]) -> Option<Matrix> {
+    let [red, green, blue, white] = [red, green, blue, white].map(|xy| xy.map(f64::from));
+    let area = (green[0] - red[0]) * (blue[1] - red[1]) - (blue[0] - red[0]) * (green[1] - red[1]);
+    // The green of AP0 has x = 0, and its blue has y < 0; only y = 0 has no tristimulus values.
+    let spans = area.abs() > 1e-4 && [red, green, blue, white].iter().all(|xy| xy[1].abs() > 1e-6);
+    let matrix = Primaries { red, green, blue, white }.to(&REC709);
+    let finite = matrix.iter().flatten().all(|v| v.is_finite() && v.abs() < 1e4);
+    (spans && finite).then_some(matrix)
 }
 
 #[cfg(test)]
@@ -145,5 +162,12 @@ mod tests {
         // From the published matrix of linear P3 to linear sRGB: 1.22494, -0.04206, -0.01964.
         let expected = [1.224_94, -0.042_06, -0.019_64].map(srgb_from_linear);
         assert!(red.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-4), "{red:?}");
+        // The same by chromaticities. Grey stays as it is.
+        let xy = [P3_D65.red, P3_D65.green, P3_D65.blue, P3_D65.white].map(|xy| xy.map(|v| v as f32));
+        let stated = SourceColour::display(xy).expect("spans a space");
+        assert!(!stated.is_scene() && !stated.is_working());
+        let red = converted(&stated, &[1.0, 0.0, 0.0], 3);
+        assert!(red.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-4), "{red:?}");
+        assert_eq!(converted(&stated, &[0.25], 1), [0.25]);
     }
 }

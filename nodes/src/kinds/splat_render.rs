@@ -58,6 +58,27 @@ engine::outputs! {
     }
 }
 
+/// Share of the pixels of all views below which the views are reported as empty.
+const EMPTY: f64 = 0.02;
+
+/// Warns if the splats cover almost nothing of the views. `covered` is the sum of alpha over all pixels of all views.
+fn warn_of_empty(covered: f64, rig: &Rig, notes: &mut Notes) {
+    let pixels = rig.cameras.iter().map(|c| f64::from(c.width_px) * f64::from(c.height_px)).sum::<f64>();
+    if covered < EMPTY * pixels {
+        let views = match rig.cameras.as_slice() {
+            [camera] => format!("the view `{}`", camera.name),
+            cameras => format!("all {} views", cameras.len()),
+        };
+        let text = format!(
+            "the splats cover {:.2} % of {views}: the cameras look elsewhere, or cameras and splats are in different \
+             coordinate frames. `matrix` or `dataparser` of `LoadCameras`, or `matrix` of `LoadSplats`, moves one to the \
+             frame of the other; for splats of nerfstudio, `dataparser` is its file `dataparser_transforms.json`",
+            100.0 * covered / pixels
+        );
+        notes.warning("views-empty", text);
+    }
+}
+
 /// Depth limit for each camera.
 fn limits_of<'a>(rig: &Rig, limits: &'a Images) -> Result<Vec<&'a Image<Data>>, NodeError> {
     // A single depth applies to a single camera, but not to each of several.
@@ -75,7 +96,7 @@ fn limits_of<'a>(rig: &Rig, limits: &'a Images) -> Result<Vec<&'a Image<Data>>, 
 
 impl Kind for SplatRender {
     const NAME: &'static str = "splat-render";
-    const VERSION: u32 = 7;
+    const VERSION: u32 = 8;
     const READS: &'static [ContextField] = &[ContextField::Exhaustive, ContextField::MetresPerUnit];
     type Params = (Self, Drawing);
     type In = In;
@@ -145,6 +166,7 @@ impl Kind for SplatRender {
         let (mut alphas, mut depths, mut colours) = (Vec::new(), Vec::new(), Vec::new());
         let mut blends = Vec::new();
         let mut total = Work::default();
+        let mut covered = 0.0;
         for (index, camera) in rig.cameras.iter().enumerate() {
             cx.progress(index as f32 / rig.cameras.len() as f32);
             let limit = limits.as_ref().and_then(|limits| limits.get(index).copied());
@@ -152,7 +174,8 @@ impl Kind for SplatRender {
             let seen = render_with(&splats, blocks.as_ref(), camera, limit, &settings, cx)?;
             total += seen.work;
             let (width, height) = (camera.width_px as usize, camera.height_px as usize);
-            let alpha = seen.rgba.as_chunks::<4>().0.iter().map(|p| p[3]).collect();
+            let alpha: Vec<f32> = seen.rgba.as_chunks::<4>().0.iter().map(|p| p[3]).collect();
+            covered += alpha.iter().map(|&alpha| f64::from(alpha)).sum::<f64>();
             let colour = tagged(splats.encoding, width, height, 4, seen.rgba);
             let depth = Image::<Data>::from_samples(width, height, 1, seen.depth);
             let named = |picture| NamedImage { name: camera.name.clone(), picture };
@@ -164,6 +187,9 @@ impl Kind for SplatRender {
             }
             views.push(View { camera: camera.clone(), colour, depth });
         }
+        if limits.is_none() && splats.len() > 0 {
+            warn_of_empty(covered, &rig, &mut notes);
+        }
         total.report(splats.len(), &settings, cx, &mut notes);
         let out = Out {
             views: Arc::new(Views(views)),
@@ -173,5 +199,49 @@ impl Kind for SplatRender {
             blends: Arc::new(Images(blends)),
         };
         Ok((out, notes))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::kinds::cube_rig::{Turn, cube};
+    use crate::math::equirect;
+    use crate::testing::context;
+
+    /// Views of nothing are reported, but not if another camera of the rig sees the splats, or `limit` hides them.
+    #[test]
+    fn empty_views_are_reported() {
+        let mut splats = Splats::empty();
+        splats.means.push([0.0, 0.0, -5.0]);
+        splats.quats.push([1.0, 0.0, 0.0, 0.0]);
+        splats.scales.push([1.6; 3]);
+        splats.opacities.push(0.9);
+        splats.sh.push([0.5; 3]);
+        let splats = Arc::new(splats);
+        let all = cube(glam::DVec3::ZERO, equirect::axes(engine::Up::PlusZ), 16, 0.0, Turn::Aligned);
+        let warned = |cameras: Vec<Camera>, limit: Option<Images>| {
+            let rig = Arc::new(Rig { cameras });
+            let input = In { splats: splats.clone(), rig, limit: limit.map(Arc::new) };
+            let run = SplatRender::run(&(SplatRender::default(), Drawing::default()), input, &context());
+            let (out, notes) = run.expect("renders");
+            let text = notes.iter().find(|note| note.id == "views-empty").map(|note| note.text.clone());
+            (out.alpha.0.iter().any(|one| one.picture.samples().iter().any(|&a| a > 0.5)), text)
+        };
+        assert_eq!(warned(all.cameras.clone(), None), (true, None));
+        let mut texts = Vec::new();
+        for camera in &all.cameras {
+            let (seen, text) = warned(vec![camera.clone()], None);
+            assert_eq!(seen, text.is_none(), "{}: {text:?}", camera.name);
+            texts.extend(text);
+            let near = Image::<Data>::from_samples(16, 16, 1, vec![0.5; 256]);
+            let limit = Images(vec![NamedImage { name: camera.name.clone(), picture: near.into() }]);
+            assert_eq!(warned(vec![camera.clone()], Some(limit)), (false, None));
+        }
+        assert_eq!(texts.len(), 5);
+        assert!(texts[0].starts_with("the splats cover 0.00 % of the view `"), "{}", texts[0]);
+        let other = all.cameras.iter().filter(|camera| camera.world_from_camera[10].abs() < 0.5);
+        let (_, text) = warned(other.cloned().collect(), None);
+        assert!(text.expect("a warning").starts_with("the splats cover 0.00 % of all 4 views:"));
     }
 }

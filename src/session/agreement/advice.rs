@@ -31,19 +31,10 @@ pub fn texts(graph: &Graph, pair: &Pair, found: &Comparison) -> Vec<pair::Findin
                     found.points
                 ),
             };
-            ("mesh-elsewhere", text)
+            Some(("mesh-elsewhere", text))
         }
-        Finding::Cameras => {
-            let [shown, known] = found.visible.unwrap_or_default().map(|share| 100.0 * share);
-            let cameras: Vec<String> = pair.rigs.iter().map(|rig| format!("`{}`", name(rig.node))).collect();
-            let text = format!(
-                "the views of {} show the splats at {shown:.1} % of their pixels and the mesh at {known:.1} %, but around \
-                 the object the agreement of splats and mesh is {percent:.0} %: the frame of the cameras is probably \
-                 wrong; `matrix` or `dataparser` of `LoadCameras` transforms the cameras to the frame of the splats",
-                cameras.join(", ")
-            );
-            ("cameras-elsewhere", text)
-        }
+        // `splat-render` reports views that show nothing as `views-empty`.
+        Finding::Cameras => return None,
         Finding::Debris => {
             let text = format!(
                 "parts of the mesh `{mesh}` float in front of the surfaces that the splats `{splats}` show. They cover {}. \
@@ -51,7 +42,7 @@ pub fn texts(graph: &Graph, pair: &Pair, found: &Comparison) -> Vec<pair::Findin
                  the mesh",
                 place(&found.debris)
             );
-            ("mesh-debris", text)
+            Some(("mesh-debris", text))
         }
         Finding::Missing => {
             let text = format!(
@@ -59,10 +50,10 @@ pub fn texts(graph: &Graph, pair: &Pair, found: &Comparison) -> Vec<pair::Findin
                  and reflect no light: use a mesh that has them, or use `ExtractMesh` instead of the mesh",
                 place(&found.missing)
             );
-            ("mesh-incomplete", text)
+            Some(("mesh-incomplete", text))
         }
     };
-    found.findings().into_iter().map(text).collect()
+    found.findings().into_iter().filter_map(text).collect()
 }
 
 /// Describes the sizes and positions of regions.

@@ -15,8 +15,7 @@ const FORMAT: &str = "lightharmony agreement 1";
 /// Maximum number of comparisons whose findings are kept for each graph. The oldest are dropped.
 const MOST_KEPT: usize = 32;
 /// The ids of findings, since stored ids are text.
-const IDS: [&str; 5] =
-    ["mesh-elsewhere", "cameras-elsewhere", "mesh-debris", "mesh-incomplete", "splats-before-object"];
+const IDS: [&str; 4] = ["mesh-elsewhere", "mesh-debris", "mesh-incomplete", "splats-before-object"];
 
 /// The nodes whose results a run computed or found in the cache, with their keys.
 #[derive(Debug, Default)]

@@ -1,5 +1,6 @@
 //! Reading of one flat part.
 
+use std::collections::BTreeSet;
 use std::io::Cursor;
 
 use exr::block::UncompressedBlock;
@@ -123,6 +124,24 @@ impl Opened<'_> {
     pub fn part_names(&self) -> Vec<String> {
         let flat = self.meta.headers.iter().filter(|header| !header.deep);
         flat.map(part_name).filter(|name| !name.is_empty()).collect()
+    }
+
+    /// Names of the layers of all flat parts, sorted: the channels without a layer, and the layers of the others. If the
+    /// file has several parts, the names begin with the name of the part.
+    pub fn layers(&self) -> BTreeSet<String> {
+        let flat = || self.meta.headers.iter().filter(|header| !header.deep);
+        let several = flat().count() > 1;
+        let mut layers = BTreeSet::new();
+        for header in flat() {
+            let part = Some(part_name(header)).filter(|name| several && !name.is_empty());
+            for channel in &header.channels.list {
+                let name = channel.name.to_string();
+                let layer = name.rsplit_once('.').map_or(name.as_str(), |(layer, _)| layer);
+                layers
+                    .insert(part.as_ref().map_or_else(|| layer.to_owned(), |part| format!("{part}.{layer}")));
+            }
+        }
+        layers
     }
 
     /// The chromaticities: x and y of red, green, blue and white; `None` if the file has none.

@@ -192,6 +192,10 @@ fn colours_of_a_later_part_are_read_and_parts_can_be_named() {
     assert_eq!(of("left.R"), is("left", "R", 22.0));
     // For an unknown name the first part is read, and the caller lists the existing names.
     assert_eq!(of("right"), is("depth", "right", 9.0));
+    // The layers of all parts. An earlier version listed those of the first part only.
+    let layers: Vec<String> = open("a.exr", &bytes, "right").expect("opens").layers().into_iter().collect();
+    let wanted = ["beauty.B", "beauty.G", "beauty.R", "depth.Z", "left.B", "left.G", "left.R", "light.key"];
+    assert_eq!(layers, wanted);
     let grey = file(vec![part("id", &[("I", 1.0)]), part("plate", &[("Y", 4.0)])]);
     assert_eq!(read("a.exr", &grey).map(|read| read.part).expect("reads"), "plate");
     let none = file(vec![part("id", &[("I", 1.0)]), part("more", &[("J", 4.0)])]);
