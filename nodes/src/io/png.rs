@@ -383,8 +383,12 @@ pub(crate) mod tests {
                 info.srgb = srgb.then_some(png::SrgbRenderingIntent::Perceptual);
             })
         };
-        let p3 = SourceColour::display([[0.68, 0.32], [0.265, 0.69], [0.15, 0.06], [0.3127, 0.329]]);
-        assert_eq!((stated(0.45455, false).colour, stated(0.45455, false).ignored), (p3, Vec::new()));
+        // From the published matrix of linear P3 to linear sRGB; the file has five decimals.
+        let p3 = stated(0.45455, false);
+        assert!(p3.ignored.is_empty());
+        let Some(SourceColour::Display(matrix)) = p3.colour else { panic!("{:?}", p3.colour) };
+        let red = matrix.map(|row| row[0]);
+        assert!(red.iter().zip([1.22494, -0.04206, -0.01964]).all(|(a, b)| (a - b).abs() < 1e-4), "{red:?}");
         assert_eq!((stated(0.45455, true).colour, stated(0.45455, true).ignored), (None, Vec::new()));
         assert_eq!((stated(1.0, false).colour, stated(1.0, false).ignored.len()), (None, 2));
         let profile = file(ColorType::Grayscale, BitDepth::Eight, &ramp, &|info| {
