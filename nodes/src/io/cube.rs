@@ -54,7 +54,7 @@ impl CubeLut {
             let [r, g, b] = numbers[..] else { return Err(bad("a table entry needs three numbers")) };
             rows.push([r as f32, g as f32, b as f32]);
             if rows.len() > LARGEST_CURVE + LARGEST_CUBE.pow(3) {
-                return Err(bad("the table is longer than any `.cube` table may be"));
+                return Err(bad("the table has more entries than the `.cube` format permits"));
             }
         }
         header.tables(rows).map_err(|what| Error::format(file, what))

@@ -101,7 +101,8 @@ pub(crate) fn refused(name: &str, format: &str, expected: &str) -> Error {
     };
     let todo = match ending {
         _ if format == "PLY" => {
-            "`LoadMesh` reads it if its name ends with `.ply`; for an object, export glTF 2.0".to_owned()
+            "`LoadMesh` reads a PLY file if its name ends with `.ply`; for an object, export glTF 2.0"
+                .to_owned()
         }
         Some(ending) => format!("give the file a name that ends with `{ending}`"),
         None if format.contains("point cloud") => {

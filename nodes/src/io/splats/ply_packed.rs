@@ -161,7 +161,9 @@ fn harmonics<'a>(
     }
     let fields = element.fields.len();
     if ![9, 24, 45].contains(&fields) {
-        return Err(wrong(format!("the element `sh` has {fields} fields; degrees 1 to 3 have 9, 24 or 45")));
+        return Err(wrong(format!(
+            "the element `sh` has {fields} fields; harmonics of degree 1, 2 or 3 need 9, 24 or 45"
+        )));
     }
     let places = (0..fields).map(|i| {
         let field = element.find(&format!("f_rest_{i}")).filter(|f| f.scalar == Scalar::U8);

@@ -117,7 +117,7 @@ impl<'a> Geometry<'a> {
                 (0, 0) => String::new(),
                 (0, n) => format!(", only points or lines (primitives: {n})"),
                 (n, _) => format!(
-                    " with an area; triangles that are too small for the precision of the coordinates, or are not finite, were dropped (number: {n})"
+                    " with a nonzero area; triangles that are too small for the precision of the coordinates, or are not finite, were dropped (number: {n})"
                 ),
             };
             return Err(self.bad(format!("the object has no triangles{why}")).into());
