@@ -163,7 +163,7 @@ impl Kind for WriteExr {
                 let (w, h, _) = picture.size();
                 if (w, h) != (width, height) {
                     return Err(other(format!(
-                        "layer `{name}` has {w}x{h} pixels, but another layer has {width}x{height}"
+                        "layer `{name}` is {w}x{h} pixels, but another layer is {width}x{height}"
                     )));
                 }
                 add_layer(name, picture, p, &mut channels, progress.part(0.0, 0.0))?;

@@ -160,8 +160,8 @@ fn focal(holder: &Value, [length, radians, degrees]: [&str; 3], size: u64) -> Re
     if let Some(angle) = optional(holder, radians)? {
         return by_angle(angle, size).map(Some).ok_or_else(|| {
             format!(
-                "has the angle `{radians}` {angle}, which is not between 0 and pi: it is in radians, and `{degrees}` \
-                 is in degrees"
+                "has the angle `{radians}` {angle}, which is not between 0 and pi: `{radians}` is in radians; for an \
+                 angle in degrees, use `{degrees}`"
             )
         });
     }
