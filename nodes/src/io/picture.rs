@@ -294,7 +294,7 @@ fn no_layer(name: &str, file: &exr::Opened<'_>, names: &[String], chroma: bool) 
     let of = if file.parts() > 1 {
         format!("the channels of the part `{}`", file.part())
     } else {
-        "its channels".to_owned()
+        "the channels of the file".to_owned()
     };
     Error::format(name, format!("{text}; {of} are {}", names.join(", ")))
 }

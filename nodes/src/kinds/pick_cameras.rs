@@ -91,7 +91,7 @@ mod tests {
         assert_eq!(picked(&["shot_4", "0..4..2"]).unwrap(), ["shot_4", "shot_0", "shot_2"]);
         assert_eq!(picked(&["*_1", "1..3"]).unwrap(), ["shot_1", "shot_2"], "each once");
         assert_eq!(picked(&[]).unwrap().len(), 5);
-        assert!(picked(&["5..6"]).unwrap_err().contains("picks none of the 5 cameras"));
+        assert!(picked(&["5..6"]).unwrap_err().contains("picks none of the cameras (number: 5)"));
     }
 
     #[test]

@@ -157,7 +157,8 @@ impl Kind for SplatRender {
             && let [one] = limits.0.as_slice()
             && one.name != camera.name
         {
-            let text = format!("`{}` is used as the depth for the view `{}`", one.name, camera.name);
+            let text =
+                format!("the depth of `{}` is used as the limit for the view `{}`", one.name, camera.name);
             notes.decision("limit-view", text);
         }
         let blocks = (settings.skip_unseen && rig.cameras.len() > 1).then(|| Blocks::of(&splats, cx));

@@ -100,7 +100,7 @@ pub(super) fn load(
     let (rows, chunks) = (vertex.rows(file, bytes)?, chunk.rows(file, bytes)?);
     if chunk.count < vertex.count.div_ceil(CHUNK) {
         let (c, n) = (chunk.count, vertex.count);
-        return Err(Error::format(file, format!("{n} splats do not fit into {c} chunks of 256")).into());
+        return Err(Error::format(file, format!("the number of splats, {n}, is too large for the number of chunks, {c} (a chunk holds 256 splats)")).into());
     }
     let harmonics = harmonics(file, bytes, header, vertex.count)?;
     let turn = reading.turn(file, None, false, notes);
@@ -155,14 +155,14 @@ fn harmonics<'a>(
     let wrong = |what: String| Error::format(file, what);
     if element.count != count {
         return Err(wrong(format!(
-            "the element `sh` has {} rows, but there are {count} splats",
+            "the number of rows of the element `sh` is {}, but the number of splats is {count}",
             element.count
         )));
     }
     let fields = element.fields.len();
     if ![9, 24, 45].contains(&fields) {
         return Err(wrong(format!(
-            "the element `sh` has {fields} fields; harmonics of degree 1, 2 or 3 need 9, 24 or 45"
+            "the number of fields of the element `sh` is {fields}; harmonics of degree 1, 2 or 3 need 9, 24 or 45"
         )));
     }
     let places = (0..fields).map(|i| {

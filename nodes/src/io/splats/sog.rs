@@ -400,8 +400,9 @@ pub(super) fn load(
     let (mut parts, mut rows) = (Vec::new(), 0);
     for &(start, end) in ranges.unwrap_or(&whole) {
         if end > count || start > end {
-            let what =
-                format!("the streamed scene refers to splats {start} to {end}, but the file has {count}");
+            let what = format!(
+                "the streamed scene refers to splats {start} to {end}, which do not exist (number of splats in the file: {count})"
+            );
             return Err(Error::format(file, what).into());
         }
         parts.extend(reading.rows_from(start, end - start, turn.as_ref(), |i, sh| read(start + i, sh))?);

@@ -152,7 +152,7 @@ fn report(env: &Environment, sun: Option<&Sun>, verdict: &str) -> Report {
     });
     let rival = format!("best gain of a direction more than {RIVAL_DEG} degrees from this one");
     let columns = [
-        "azimuth (deg)",
+        "azimuth (deg, clockwise from forward)",
         "elevation (deg)",
         "irradiance (red)",
         "irradiance (green)",

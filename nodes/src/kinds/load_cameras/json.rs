@@ -199,7 +199,7 @@ fn coefficients(top: &Value, frame: &Value) -> Result<(Coefficients, Vec<String>
             let listed = listed.ok_or_else(|| format!("has a `{LIST}` whose entries are not numbers"))?;
             if listed.len() != LISTED.len() && listed.iter().any(|number| *number != 0.0) {
                 return Err(format!(
-                    "has a `{LIST}` of {} numbers, not of the six numbers k1, k2, k3, k4, p1, p2",
+                    "has a `{LIST}` of length {}, instead of the six numbers k1, k2, k3, k4, p1, p2",
                     listed.len()
                 ));
             }

@@ -79,7 +79,10 @@ impl<'a> Geometry<'a> {
         if let (Some(chosen), None, true) = (&chosen, scene, count > 1) {
             notes.decision(
                 "scene",
-                format!("scene {} of the {count} scenes of the file is used", chosen.index()),
+                format!(
+                    "the scene with the index {} is used (number of scenes in the file: {count})",
+                    chosen.index()
+                ),
             );
         }
         let mut order = Vec::new();
