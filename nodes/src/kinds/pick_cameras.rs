@@ -62,7 +62,7 @@ impl Kind for PickCameras {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+#[allow(clippy::unwrap_used, reason = "a test may panic")]
 mod tests {
     use glam::DVec3;
 

@@ -51,7 +51,7 @@ fn decisions(
     if let Some(probe) = probe {
         decisions.push(row("share of probe rays that miss the mesh", Cell::Number(probe.escaped_share())));
         decisions.push(row(
-            "share of front faces among the probe rays that hit the mesh",
+            "share of hits on front faces among the probe rays that hit the mesh",
             Cell::Number(probe.front_share()),
         ));
     }
