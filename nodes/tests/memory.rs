@@ -190,7 +190,8 @@ fn in_a_process(folder: &Path, case: usize, budget: u64) -> Option<u64> {
     reported.parse().ok()
 }
 
-/// With an axis over the cameras of a file, memory does not grow with the number of views. Each view takes 10 MB.
+/// If an axis runs over the cameras of a file, memory use does not grow with the number of views. One view takes
+/// 10 MB, so the test would fail if all views were kept in memory.
 #[test]
 fn views_of_an_axis_take_the_memory_of_a_few() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -345,7 +345,8 @@ mod tests {
         assert_eq!(rows[rows.len() - 3], (Some(true), text.to_owned()));
         assert_eq!(rows[rows.len() - 2], (Some(false), "all pixels are needed".to_owned()));
         fit.notes[0].text =
-            "views of 64 px would be enough; they keep 512 because of `skip_fine: false`".to_owned();
+            "views of 64 px would be enough (the objects are matte), but they keep 512 px because of `skip_fine: false`"
+                .to_owned();
         let rows = judged(&[fit], &[]);
         assert_eq!(rows[rows.len() - 2].0, Some(false));
     }

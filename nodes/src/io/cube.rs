@@ -45,7 +45,7 @@ impl CubeLut {
                 && !matches!(first.to_ascii_lowercase().as_str(), "nan" | "inf" | "infinity")
             {
                 if !rows.is_empty() {
-                    return Err(bad(&format!("the keyword `{first}` follows table entries")));
+                    return Err(bad(&format!("the keyword `{first}` must come before the table entries")));
                 }
                 header.keyword(first, line).map_err(|what| bad(&what))?;
                 continue;
@@ -54,7 +54,7 @@ impl CubeLut {
             let [r, g, b] = numbers[..] else { return Err(bad("a table entry needs three numbers")) };
             rows.push([r as f32, g as f32, b as f32]);
             if rows.len() > LARGEST_CURVE + LARGEST_CUBE.pow(3) {
-                return Err(bad("the table is longer than any `.cube` table may be"));
+                return Err(bad("the table has more entries than the `.cube` format permits"));
             }
         }
         header.tables(rows).map_err(|what| Error::format(file, what))
@@ -250,7 +250,7 @@ mod tests {
             ("LUT_1D_SIZE 1\n0 0 0\n", "line 1: `LUT_1D_SIZE` needs a number from 2 to 65536"),
             ("LUT_3D_SIZE 9999\n", "line 1: `LUT_3D_SIZE` needs a number from 2 to 256"),
             ("LUT_1D_SIZE 2\nDOMAIN_MIN 1 1 1\n0 0 0\n1 1 1\n", "not below its upper end"),
-            ("LUT_1D_SIZE 2\n0 0 0\nTITLE \"late\"\n1 1 1\n", "line 3: the keyword `TITLE` follows"),
+            ("LUT_1D_SIZE 2\n0 0 0\nTITLE \"late\"\n1 1 1\n", "line 3: the keyword `TITLE` must come before"),
             ("LUT_1D_SIZE 2\nGAMMA 2\n", "line 2: the keyword `GAMMA` is unknown"),
         ] {
             let error = read(text).expect_err(text);

@@ -78,7 +78,7 @@ impl GPano {
         if !(even && fits) {
             let [[fw, fh], [pw, ph], [x, y]] = [self.full, self.part, self.at];
             let what = format!(
-                "the metadata of the picture (GPano) describes a crop of {pw}x{ph} pixels at {x}, {y} of a panorama of {fw}x{fh}, but the picture has {width}x{height} pixels, which does not match; remove the metadata (`exiftool -XMP-GPano:all= FILE`) and pad the picture to 2:1"
+                "the metadata of the picture (GPano) describes a crop of {pw}x{ph} pixels at {x}, {y} of a panorama of {fw}x{fh} pixels, which is not possible for a picture of {width}x{height} pixels; remove the metadata (`exiftool -XMP-GPano:all= FILE`) and pad the picture to 2:1"
             );
             return Err(Error::format(file, what));
         }

@@ -101,11 +101,12 @@ pub(crate) fn refused(name: &str, format: &str, expected: &str) -> Error {
     };
     let todo = match ending {
         _ if format == "PLY" => {
-            "`LoadMesh` reads it if its name ends with `.ply`; for an object, export glTF 2.0".to_owned()
+            "`LoadMesh` reads a PLY file if its name ends with `.ply`; for an object, export glTF 2.0"
+                .to_owned()
         }
         Some(ending) => format!("give the file a name that ends with `{ending}`"),
         None if format.contains("point cloud") => {
-            "meshes have faces; make a mesh of the points in a program such as MeshLab, or use `ExtractMesh`"
+            "a point cloud has no faces; make a mesh from the points in a program such as MeshLab, or use `ExtractMesh`"
                 .to_owned()
         }
         None => "open the file in a program that reads it, such as Blender, and export glTF 2.0".to_owned(),

@@ -208,7 +208,7 @@ fn of_raster(
         } else {
             ("profile-applied", "sRGB, without clipping")
         };
-        notes.decision(id, format!("the file has {what}, by which its colours were converted to {as_what}"));
+        notes.decision(id, format!("the file has {what}, so its colours were converted to {as_what}"));
     }
     Ok(Decoded { size: (raster.width, raster.height, channels), samples, colour, linear: false })
 }
@@ -225,7 +225,7 @@ fn stated(xy: Option<[[f32; 2]; 4]>, encoding: FileEncoding, notes: &mut Notes) 
     } else {
         notes.warning(
             "profile-ignored",
-            "the chromaticities of the file span no colour space and are ignored; set `encoding`",
+            "the chromaticities of the file do not define a colour space and are ignored; set `encoding`",
         );
     }
     colour
@@ -294,7 +294,7 @@ fn no_layer(name: &str, file: &exr::Opened<'_>, names: &[String], chroma: bool) 
     let of = if file.parts() > 1 {
         format!("the channels of the part `{}`", file.part())
     } else {
-        "its channels".to_owned()
+        "the channels of the file".to_owned()
     };
     Error::format(name, format!("{text}; {of} are {}", names.join(", ")))
 }

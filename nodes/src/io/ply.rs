@@ -299,7 +299,7 @@ impl<'a> Rows<'a> {
                     let count = self.number(count)?;
                     let least = if self.format == Format::Ascii { 2 } else { property.scalar.size() };
                     if count < 0.0 || count * least as f64 > self.rest.len() as f64 + 1.0 {
-                        return Err(self.fail(&format!("a list claims to hold {count} numbers,")));
+                        return Err(self.fail(&format!("a list has the impossible length {count}")));
                     }
                     let mut list = std::mem::take(&mut self.list);
                     list.clear();

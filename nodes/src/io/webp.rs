@@ -14,7 +14,7 @@ pub fn read(file: &str, bytes: &[u8]) -> Result<Raster, Error> {
     let bad = |e: DecodingError| Error::format(file, format!("not a complete WebP: {e}"));
     let mut decoder = WebPDecoder::new(Cursor::new(bytes)).map_err(bad)?;
     if decoder.is_animated() {
-        return Err(Error::unsupported(file, "an animated WebP; save one picture of it"));
+        return Err(Error::unsupported(file, "an animated WebP; save a single frame"));
     }
     let (width, height) = decoder.dimensions();
     let channels = if decoder.has_alpha() { 4 } else { 3 };

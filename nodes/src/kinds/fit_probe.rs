@@ -62,7 +62,7 @@ impl Kind for FitProbe {
         };
         if let Some(odd) = rig.cameras.iter().find(|c| [c.width_px, c.height_px] != [side; 2]) {
             let text = format!(
-                "view `{}` has {}x{} pixels instead of {side}x{side}",
+                "view `{}` is {}x{} pixels instead of {side}x{side}",
                 odd.name, odd.width_px, odd.height_px
             );
             let hint = "all views must be squares of equal size, such as those of `cube-rig`";
@@ -79,7 +79,7 @@ impl Kind for FitProbe {
             match (enough < side, params.skip_fine) {
                 (true, true) => format!("views of {enough} px are enough, instead of {side}: {why}"),
                 (true, false) => {
-                    format!("views of {enough} px would be enough; they keep {side} because of `skip_fine: false`: {why}")
+                    format!("views of {enough} px would be enough ({why}), but they keep {side} px because of `skip_fine: false`")
                 }
                 (false, _) => format!("all {side} px of a view are needed: {why}"),
             },

@@ -223,7 +223,7 @@ fn photograph(mut light: Image<Linear>, ev: f64, up: Up, notes: &mut Notes) -> (
     let (all, kept) = (energy(f32::MAX), energy(1.0));
     let percent = |part: f64, of: f64| if of > 0.0 { 100.0 * part / of } else { 100.0 };
     let text = format!(
-        "light was scaled by {scale:.3e} and clipped at white, which keeps {:.1} % of its power and {:.1} % of the irradiance of the ground",
+        "light was scaled by {scale:.3e} and clipped at white, which keeps {:.1} % of its power and {:.1} % of the irradiance on the ground",
         percent(kept.power, all.power),
         percent(kept.ground, all.ground)
     );

@@ -62,7 +62,7 @@ impl Kind for PickCameras {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+#[allow(clippy::unwrap_used, reason = "a test may panic")]
 mod tests {
     use glam::DVec3;
 
@@ -91,7 +91,7 @@ mod tests {
         assert_eq!(picked(&["shot_4", "0..4..2"]).unwrap(), ["shot_4", "shot_0", "shot_2"]);
         assert_eq!(picked(&["*_1", "1..3"]).unwrap(), ["shot_1", "shot_2"], "each once");
         assert_eq!(picked(&[]).unwrap().len(), 5);
-        assert!(picked(&["5..6"]).unwrap_err().contains("picks none of the 5 cameras"));
+        assert!(picked(&["5..6"]).unwrap_err().contains("picks none of the cameras (number: 5)"));
     }
 
     #[test]

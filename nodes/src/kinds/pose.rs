@@ -96,14 +96,14 @@ impl Kind for PoseNode {
         match (p.pixel.is_some(), rig, mesh != splats) {
             (true, true, true) => Ok(()),
             (false, _, _) if !(rig || mesh || splats) => Ok(()),
-            (true, _, _) => Err(NodeError::new("`pixel` needs a view and the scene that it shows")
+            (true, _, _) => Err(NodeError::new("`pixel` needs a camera and the scene that the camera shows")
                 .at("pixel")
                 .hint("wire `rig`, and either `mesh` or `splats`")),
             (false, _, _) => Err(NodeError::new(
                 "`rig`, `mesh` and `splats` are used only with `pixel`, which is not given",
             )
             .at("pixel")
-            .hint("write `pixel: (x, y)`, or leave the wires out")),
+            .hint("write `pixel: (x, y)`, or remove the wires")),
         }
     }
 

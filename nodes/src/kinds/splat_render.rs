@@ -70,9 +70,9 @@ fn warn_of_empty(covered: f64, rig: &Rig, notes: &mut Notes) {
             cameras => format!("all {} views", cameras.len()),
         };
         let text = format!(
-            "the splats cover {:.2} % of {views}: the cameras look elsewhere, or cameras and splats are in different \
-             coordinate frames. `matrix` or `dataparser` of `LoadCameras`, or `matrix` of `LoadSplats`, moves one to the \
-             frame of the other; for splats of nerfstudio, `dataparser` is its file `dataparser_transforms.json`",
+            "the splats cover only {:.2} % of {views}: the cameras look elsewhere, or cameras and splats are in different \
+             coordinate frames. To bring them into one frame, set `matrix` or `dataparser` of `LoadCameras`, or `matrix` \
+             of `LoadSplats`; for splats from nerfstudio, set `dataparser` to its file `dataparser_transforms.json`",
             100.0 * covered / pixels
         );
         notes.warning("views-empty", text);
@@ -157,7 +157,8 @@ impl Kind for SplatRender {
             && let [one] = limits.0.as_slice()
             && one.name != camera.name
         {
-            let text = format!("`{}` is used as the depth for the view `{}`", one.name, camera.name);
+            let text =
+                format!("the depth of `{}` is used as the limit for the view `{}`", one.name, camera.name);
             notes.decision("limit-view", text);
         }
         let blocks = (settings.skip_unseen && rig.cameras.len() > 1).then(|| Blocks::of(&splats, cx));
@@ -239,9 +240,9 @@ mod tests {
             assert_eq!(warned(vec![camera.clone()], Some(limit)), (false, None));
         }
         assert_eq!(texts.len(), 5);
-        assert!(texts[0].starts_with("the splats cover 0.00 % of the view `"), "{}", texts[0]);
+        assert!(texts[0].starts_with("the splats cover only 0.00 % of the view `"), "{}", texts[0]);
         let other = all.cameras.iter().filter(|camera| camera.world_from_camera[10].abs() < 0.5);
         let (_, text) = warned(other.cloned().collect(), None);
-        assert!(text.expect("a warning").starts_with("the splats cover 0.00 % of all 4 views:"));
+        assert!(text.expect("a warning").starts_with("the splats cover only 0.00 % of all 4 views:"));
     }
 }

@@ -91,7 +91,7 @@ impl Kind for WriteAnimation {
                 if let Some(start) = rasters.first().filter(|start| size(start) != size(&raster)) {
                     let (a, b) = (size(start), size(&raster));
                     let text = format!(
-                        "frame 0 has {}x{}x{} samples, but frame {index} has {}x{}x{}",
+                        "frame 0 has the size {}x{}x{} (width, height, channels), but frame {index} has the size {}x{}x{}",
                         a.0, a.1, a.2, b.0, b.1, b.2
                     );
                     return Err(NodeError::new(text).at("frames").hint("all frames must have the same size"));
@@ -168,7 +168,12 @@ mod tests {
     #[test]
     fn frames_of_two_sizes_and_no_frame_are_refused() {
         let why = write(&[frame(3, 0.0), frame(4, 0.0)]).err().unwrap_or_default();
-        assert!(why.contains("frame 0 has 3x2x3 samples, but frame 1 has 4x2x3"), "{why}");
+        assert!(
+            why.contains(
+                "frame 0 has the size 3x2x3 (width, height, channels), but frame 1 has the size 4x2x3"
+            ),
+            "{why}"
+        );
         assert!(write(&[]).is_err());
         let p = WriteAnimation { path: OutputFile("a.gif".into()), fps: 10.0, plays: 0, recipe: true };
         assert!(WriteAnimation::check(&p).is_err());

@@ -34,10 +34,10 @@ engine::params! {
     /// Give either `image`, whose channels become R, G, B (and A), or `layers`. A layer is named by `names`, or
     /// after the output that its wire comes from. A layer of colour is written as the channels `name.R`, `name.G`,
     /// `name.B` (and `name.A`), a layer of a single channel as `name`, and a layer named N as `N.X`, `N.Y`, `N.Z`.
-    /// Colours keep their encoding unless `encoding` names a space, which is then that of all colours; the attribute
-    /// `lightharmony:encoding` records the encoding of each layer, and `chromaticities` the primaries. Other
-    /// programs ignore the first attribute and treat all colours as linear, so mixed encodings are reported. The
-    /// same input gives the same bytes.
+    /// Colours keep their encoding unless `encoding` names a space; all colours are then written in that space. The
+    /// attribute `lightharmony:encoding` records the encoding of each layer, and `chromaticities` the primaries.
+    /// Other programs ignore the first attribute and treat all colours as linear, so mixed encodings are reported.
+    /// The same input gives the same bytes.
     pub struct WriteExr {
         /// The file: `.exr`. Must contain `{view}` if there are several views.
         path: OutputFile, other("\"b.exr\""), inert("the path is not stored in the file");
@@ -163,7 +163,7 @@ impl Kind for WriteExr {
                 let (w, h, _) = picture.size();
                 if (w, h) != (width, height) {
                     return Err(other(format!(
-                        "layer `{name}` has {w}x{h} pixels, but another layer has {width}x{height}"
+                        "layer `{name}` is {w}x{h} pixels, but another layer is {width}x{height}"
                     )));
                 }
                 add_layer(name, picture, p, &mut channels, progress.part(0.0, 0.0))?;

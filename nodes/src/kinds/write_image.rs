@@ -30,9 +30,10 @@ engine::choices! {
 engine::params! {
     /// Writes pictures as PNG or JPEG, depending on the extension of the path.
     ///
-    /// Linear light passes `exposure` and the view transform `view`, and is encoded for `space`. Display-encoded
-    /// pictures, such as renders of splats, are converted to `space` and otherwise stay as they are. Values outside
-    /// 0 to 1 are clamped and counted. Data (masks, ratios) is written unchanged. There is no dithering. The same picture gives the same bytes.
+    /// Linear light is scaled by `exposure`, changed by the view transform `view`, and encoded for `space`.
+    /// Display-encoded pictures, such as renders of splats, are converted to `space` and are otherwise unchanged.
+    /// Values outside 0 to 1 are clamped and counted. Data (masks, ratios) is written unchanged. There is no
+    /// dithering. The same picture gives the same bytes.
     pub struct WriteImage {
         /// The file: `.png`, `.jpg` or `.jpeg`. Must contain `{view}` if there are several views.
         path: OutputFile, other("\"b.jpg\"");

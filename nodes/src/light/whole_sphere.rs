@@ -28,7 +28,7 @@ pub(crate) fn open(
     let (width, height, _) = picture.size();
     if width != 2 * height {
         let what = format!(
-            "the picture is {width}x{height}, not twice as wide as high, and is stretched over the whole sphere; pad it to 2:1 with transparent pixels"
+            "the picture is {width}x{height} pixels, not twice as wide as high, and is stretched over the whole sphere; pad it to 2:1 with transparent pixels"
         );
         notes.warning("not-two-to-one", what);
     }

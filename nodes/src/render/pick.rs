@@ -40,7 +40,7 @@ fn check(camera: &Camera, pixel: [f64; 2]) -> Result<(), NodeError> {
     let inside = (0.0..w).contains(&pixel[0]) && (0.0..h).contains(&pixel[1]);
     let outside = || {
         NodeError::new(format!(
-            "pixel ({}, {}) lies outside the picture of `{}`, which has {w} by {h} pixels",
+            "pixel ({}, {}) lies outside the picture of `{}`, which is {w} by {h} pixels",
             pixel[0], pixel[1], camera.name
         ))
     };

@@ -91,7 +91,7 @@ impl<E: Encoding> Image<E> {
         let samples = from.f32s()?;
         if width.checked_mul(height).and_then(|n| n.checked_mul(channels)) != Some(samples.len()) {
             return Err(Corrupt(format!(
-                "a {width}x{height}x{channels} image has {} samples",
+                "a {width}x{height}x{channels} image has the wrong number of samples, {}",
                 samples.len()
             )));
         }
@@ -237,7 +237,7 @@ impl Artifact for Images {
         for (a, b) in self.0.iter().zip(&other.0) {
             if a.name != b.name || a.picture.encoding() != b.picture.encoding() {
                 return Difference::of(format!(
-                    "views {} ({}) and {} ({})",
+                    "views with different names or encodings: {} ({}) and {} ({})",
                     a.name,
                     a.picture.encoding(),
                     b.name,

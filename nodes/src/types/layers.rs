@@ -27,7 +27,7 @@ pub fn matching<'a>(
     let (width, height, _) = picture.size();
     if (width, height) != size {
         let [w, h] = [size.0, size.1];
-        let what = format!("`{port}` has {width}x{height} pixels, but the view `{name}` has {w}x{h}");
+        let what = format!("`{port}` is {width}x{height} pixels, but the view `{name}` is {w}x{h}");
         return Err(NodeError::from(Error::Mismatch(what))
             .at(port)
             .hint("render all layers with the same rig"));

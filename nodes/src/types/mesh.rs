@@ -66,7 +66,7 @@ impl Artifact for Mesh {
             return Difference::none();
         }
         Difference::of(format!(
-            "the meshes differ: {} vertices and {} triangles, and {} vertices and {} triangles",
+            "the meshes differ (vertices and triangles of one: {} and {}; of the other: {} and {})",
             self.positions.len(),
             self.triangles.len(),
             other.positions.len(),

@@ -136,7 +136,7 @@ impl Artifact for Object {
         let triangles = |object: &Self| object.primitives.iter().map(|p| p.triangles.len()).sum::<usize>();
         let (count, others) = (triangles(self), triangles(other));
         Difference::of(if count == others {
-            format!("both have {count} triangles, but their data differ")
+            format!("the numbers of triangles are equal ({count}), but other data differ")
         } else {
             format!("the numbers of triangles differ: {count} and {others}")
         })

@@ -89,8 +89,11 @@ pub(crate) fn chosen(wishes: &[Pick], names: &[String], pictures: &[&str]) -> Re
         };
         if found.is_empty() {
             let some = names.iter().take(5).map(String::as_str).collect::<Vec<_>>().join(", ");
-            return Err(NodeError::new(format!("`{wish}` picks none of the {} cameras", names.len()))
-                .hint(format!("the names of the first cameras are {some}")));
+            return Err(NodeError::new(format!(
+                "`{wish}` picks none of the cameras (number: {})",
+                names.len()
+            ))
+            .hint(format!("the names of the first cameras are {some}")));
         }
         chosen.extend(found.into_iter().filter(|index| !std::mem::replace(&mut taken[*index], true)));
     }

@@ -145,7 +145,7 @@ impl Artifact for Rig {
         let unequal = self.cameras.iter().zip(&other.cameras).filter(|(a, b)| a != b).count();
         let (count, others) = (self.cameras.len(), other.cameras.len());
         Difference::of(if count == others {
-            format!("{unequal} of {count} cameras differ")
+            format!("cameras that differ: {unequal} of {count}")
         } else {
             format!(
                 "the numbers of cameras differ: {count} and {others}; among the first {}, {unequal} differ",

@@ -142,7 +142,7 @@ impl Artifact for Splats {
         }
         let (count, others) = (self.len(), other.len());
         Difference::of(if count == others {
-            format!("both have {count} splats, but their values differ")
+            format!("the numbers of splats are equal ({count}), but their values differ")
         } else {
             format!("the numbers of splats differ: {count} and {others}")
         })

@@ -79,7 +79,7 @@ pub fn inspect(mesh: &Mesh) -> Inspection {
             "odd-edges",
             found.odd_edges > 0,
             format!(
-                "number of edges that belong to two triangles with opposite orientations or to more than two triangles: {}",
+                "some edges belong to two triangles with opposite orientations, or to more than two triangles (number: {})",
                 found.odd_edges
             ),
         ),

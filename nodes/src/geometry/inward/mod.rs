@@ -201,16 +201,16 @@ pub(crate) fn turn(
     }
     if doubtful > 0 {
         let text = format!(
-            "faces of open parts seem to look inwards (parts: {doubtful}): their material is single-sided, so they are \
-             invisible from behind, and the object may look black or hollow; reverse them in the program that made them, \
-             or make the material double-sided"
+            "the faces of parts that are not closed surfaces seem to point inwards (parts: {doubtful}): their material is \
+             single-sided, so the faces are invisible from behind, and the object may look black or hollow; reverse the \
+             faces in the program that made them, or make the material double-sided"
         );
         notes.warning("faces-inwards", text);
     }
     if found == 0 {
         return Ok(());
     }
-    let text = format!("faces that looked into the object were turned outwards (parts: {found})");
+    let text = format!("faces that pointed into the object were reversed (parts: {found})");
     notes.decision("faces-turned", text);
     let mut first = 0;
     for primitive in primitives {

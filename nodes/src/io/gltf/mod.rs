@@ -236,7 +236,7 @@ impl File {
             };
             if bytes.len() < buffer.length() {
                 let what = format!(
-                    "buffer {} has {} bytes, but declares {}",
+                    "buffer {} has {} bytes, but its `byteLength` is {}",
                     buffer.index(),
                     bytes.len(),
                     buffer.length()

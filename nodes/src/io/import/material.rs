@@ -50,7 +50,10 @@ pub(super) fn materials(
         }
         if !found.ignored.is_empty() {
             let named: Vec<&str> = found.ignored.iter().map(String::as_str).collect();
-            let what = format!("of the material file `{path}`, these are not read: {}", named.join(", "));
+            let what = format!(
+                "these keywords and options of the material file `{path}` are ignored: {}",
+                named.join(", ")
+            );
             notes.warning("material-ignored", what);
         }
         parsed.push((library, found.materials));

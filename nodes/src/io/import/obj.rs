@@ -203,7 +203,7 @@ impl Shapes {
         for (largest, (what, count)) in self.largest.iter().zip(lists) {
             if let Some((index, line)) = largest.filter(|(index, _)| *index as usize >= count) {
                 let what = format!(
-                    "the face in line {line} refers to {what} {}, but the file has {count}",
+                    "the face in line {line} refers to {what} {}, which does not exist (number in the file: {count})",
                     u64::from(index) + 1
                 );
                 return Err(Error::format(name, what));
@@ -281,7 +281,7 @@ pub(super) fn read(
         builder.add(&shapes.part(corners, found));
     }
     if complete && !unknown.is_empty() {
-        let what = format!("no material file defines the materials {}", unknown.join(", "));
+        let what = format!("these materials are not defined in any material file: {}", unknown.join(", "));
         if shapes.colours.is_empty() {
             notes.degraded("materials-missing", format!("{what}; the faces that use them are white"));
         } else {

@@ -88,7 +88,7 @@ fn of_binary(
     let Some(count) = count.filter(|count| *count <= held) else {
         let what = match count {
             Some(count) => format!(
-                "it does not begin with `solid`, and as a binary file it has {} bytes, fewer than the {count} triangles of its header need",
+                "it does not begin with `solid`, and its {} bytes are too few for a binary file with {count} triangles, the number in its header",
                 bytes.len()
             ),
             None => format!(
@@ -100,7 +100,7 @@ fn of_binary(
     };
     if count < held {
         let what = format!(
-            "the header of the file counts {count} triangles, and the bytes after them, enough for {}, are ignored",
+            "the number of triangles in the header of the file is {count}; the bytes after these triangles, enough for {} more, are ignored",
             held - count
         );
         notes.warning("bytes-left-over", what);

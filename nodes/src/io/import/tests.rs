@@ -181,8 +181,14 @@ fn a_bad_line_of_obj_is_named() {
     for (text, says) in [
         ("v 0 0 0\nv 0,5 0 0\n", "line 2 cannot be read as Wavefront OBJ: `v 0,5 0 0`"),
         ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 0\n", "line 4"),
-        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n", "the face in line 4 refers to vertex 4, but the file has 3"),
-        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1/1 2/1 3/1\n", "texture coordinate 1, but the file has 0"),
+        (
+            "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n",
+            "the face in line 4 refers to vertex 4, which does not exist (number in the file: 3)",
+        ),
+        (
+            "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1/1 2/1 3/1\n",
+            "texture coordinate 1, which does not exist (number in the file: 0)",
+        ),
         ("hello\n", "it has no vertices"),
         ("ply\nformat ascii 1.0\n", "PLY"),
         ("v 0 0 0\nv 1 0 0\nl 1 2\n", "triangle"),

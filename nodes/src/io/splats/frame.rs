@@ -145,9 +145,10 @@ impl Placing {
             return (None, text);
         };
         let matrix = from_y_up(self.up) * from_y_up(up).transpose();
-        let by = if self.frame == Frame::ByFormat { "by its format" } else { "as `frame` says" };
+        let by =
+            if self.frame == Frame::ByFormat { "according to its format" } else { "according to `frame`" };
         let units = if scale == 1.0 { String::new() } else { format!(", and scaled by {scale}") };
-        let text = format!("has {} up {by}; it was rotated to {} up{units}", up.name(), self.up.name());
+        let text = format!("has {} up, {by}; it was rotated to {} up{units}", up.name(), self.up.name());
         let idle = matrix == DMat3::IDENTITY && scale == 1.0;
         ((!idle).then_some((matrix, scale)), Some(text))
     }

@@ -364,7 +364,7 @@ fn primitive(
             index.ok_or_else(|| Error::format(file, format!("the splats have no attribute `{name}`")))?;
         let reader = document.reader(file, index, buffers)?;
         if reader.width() != width {
-            let what = format!("`{name}` has {} components, not {width}", reader.width());
+            let what = format!("the number of components of `{name}` is {}, not {width}", reader.width());
             return Err(Error::format(file, what));
         }
         Ok(reader)

@@ -187,8 +187,10 @@ pub(crate) fn report(file: &str, loaded: &Loaded, strict: bool, notes: &mut Note
         );
     }
     if all * 2 > loaded.count as u64 {
-        let text =
-            format!("{all} of {} splats of `{file}` were dropped; is the file complete?", loaded.count);
+        let text = format!(
+            "most splats of `{file}` were dropped ({all} of {}); is the file complete?",
+            loaded.count
+        );
         notes.warning("mostly-dropped", text);
     }
     Ok(())

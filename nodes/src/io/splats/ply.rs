@@ -77,7 +77,7 @@ impl Layout {
             72 => 4,
             other => {
                 let what = format!(
-                    "the splats have {other} fields `f_rest_*`; degrees 0 to 4 have 0, 9, 24, 45 or 72"
+                    "the number of fields `f_rest_*` is {other}; harmonics of degree 0, 1, 2, 3 or 4 need 0, 9, 24, 45 or 72 of them"
                 );
                 return Err(Error::format(file, what));
             }

@@ -100,7 +100,7 @@ pub(super) fn load(
     let (rows, chunks) = (vertex.rows(file, bytes)?, chunk.rows(file, bytes)?);
     if chunk.count < vertex.count.div_ceil(CHUNK) {
         let (c, n) = (chunk.count, vertex.count);
-        return Err(Error::format(file, format!("{n} splats do not fit into {c} chunks of 256")).into());
+        return Err(Error::format(file, format!("the number of splats, {n}, is too large for the number of chunks, {c} (a chunk holds 256 splats)")).into());
     }
     let harmonics = harmonics(file, bytes, header, vertex.count)?;
     let turn = reading.turn(file, None, false, notes);
@@ -155,13 +155,15 @@ fn harmonics<'a>(
     let wrong = |what: String| Error::format(file, what);
     if element.count != count {
         return Err(wrong(format!(
-            "the element `sh` has {} rows, but there are {count} splats",
+            "the number of rows of the element `sh` is {}, but the number of splats is {count}",
             element.count
         )));
     }
     let fields = element.fields.len();
     if ![9, 24, 45].contains(&fields) {
-        return Err(wrong(format!("the element `sh` has {fields} fields; degrees 1 to 3 have 9, 24 or 45")));
+        return Err(wrong(format!(
+            "the number of fields of the element `sh` is {fields}; harmonics of degree 1, 2 or 3 need 9, 24 or 45"
+        )));
     }
     let places = (0..fields).map(|i| {
         let field = element.find(&format!("f_rest_{i}")).filter(|f| f.scalar == Scalar::U8);

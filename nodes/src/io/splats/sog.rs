@@ -251,7 +251,7 @@ impl Pixels {
         let area = u64::from(width) * u64::from(height);
         if area < at_least {
             return Err(wrong(format!(
-                "the picture has {width}x{height} pixels, fewer than the {at_least} that `meta.json` promises"
+                "the picture is {width}x{height} pixels, fewer than the {at_least} pixels that `meta.json` promises"
             )));
         }
         if area > 64 * 64 + DENSEST * bytes.len() as u64 {
@@ -294,7 +294,7 @@ pub(super) fn load_bundle(
 ) -> Result<Loaded, NodeError> {
     let archive = Archive::read(file, bytes)?;
     if archive.find(super::streamed::NAME).is_some() {
-        let what = "an archive of a streamed SOG; unpack it and name its folder";
+        let what = "an archive of a streamed SOG; unpack it, and give the path of the folder";
         return Err(Error::unsupported(file, what).into());
     }
     if file.to_ascii_lowercase().ends_with(".usdz") {
@@ -314,7 +314,7 @@ pub(super) fn load_bundle(
     if length > META_BYTES {
         return Err(Error::format(
             file,
-            format!("its `meta.json` has {length} bytes, more than the maximum of 16 MiB"),
+            format!("the `meta.json` of the archive has {length} bytes, more than the maximum of 16 MiB"),
         )
         .into());
     }
@@ -400,8 +400,9 @@ pub(super) fn load(
     let (mut parts, mut rows) = (Vec::new(), 0);
     for &(start, end) in ranges.unwrap_or(&whole) {
         if end > count || start > end {
-            let what =
-                format!("the streamed scene refers to splats {start} to {end}, but the file has {count}");
+            let what = format!(
+                "the streamed scene refers to splats {start} to {end}, which do not exist (number of splats in the file: {count})"
+            );
             return Err(Error::format(file, what).into());
         }
         parts.extend(reading.rows_from(start, end - start, turn.as_ref(), |i, sh| read(start + i, sh))?);

@@ -91,7 +91,7 @@ impl Format {
                 means: Option<serde::de::IgnoredAny>,
             }
             if streamed::is_streamed(bytes) {
-                let what = "the levels of a streamed SOG; `LoadSplats` reads them from the folder that contains them";
+                let what = "the list of the levels of a streamed SOG; `LoadSplats` reads it together with the other files of its folder";
                 return Err(Error::unsupported(file, what));
             }
             let peek: Peek = serde_json::from_slice(json_text(bytes))
@@ -112,15 +112,15 @@ impl Format {
         let what = match named {
             _ if bytes.is_empty() => "the file is empty".to_owned(),
             Some(ending) => format!(
-                "the {} bytes of the file begin neither like a `{ending}` file nor like a file of another splat format; is the file complete?",
+                "the file ({} bytes) begins neither like a `{ending}` file nor like a file of another splat format; is it complete?",
                 bytes.len()
             ),
             None if is_text(bytes) => {
-                "a text, but not of a known format of splats (PLY, `.usda`, glTF, `meta.json` of SOG)"
+                "a text file, but not in a known splat format (PLY, `.usda`, glTF, `meta.json` of SOG)"
                     .to_owned()
             }
             None => {
-                "not a known format of splats (PLY, compressed PLY, SOG, SPZ, .splat, .ksplat, glTF, .usda)"
+                "not in a known splat format (PLY, compressed PLY, SOG, SPZ, .splat, .ksplat, glTF, .usda)"
                     .to_owned()
             }
         };
@@ -197,14 +197,15 @@ pub fn expand(file: &InputFile, path: &Path, level: u32) -> Result<Expanded, Nod
     }
     if chunks.is_empty() {
         let what = format!("the folder `{}` contains no SOG scene", file.0);
-        return Err(NodeError::new(what).hint("name a file, or a folder with `meta.json` or with chunks"));
+        return Err(NodeError::new(what)
+            .hint("give the path of a file, or of a folder that contains `meta.json` or chunks"));
     }
     chunks.sort();
     let mut all = Expanded::of(chunks.iter().map(|name| inside(name)).collect());
     if looks_like_levels(&chunks) {
         let text = format!(
             "the folder `{}` contains chunks whose names are those of the levels of a streamed SOG, but not its `{}`. All chunks are \
-             joined; if they are levels of the same scene, name one chunk instead of the folder",
+             joined; if they are levels of the same scene, give the path of one chunk instead of the folder",
             file.0,
             streamed::NAME
         );
@@ -230,7 +231,7 @@ fn looks_like_levels(chunks: &[String]) -> bool {
 fn streamed_level(listing: &InputFile, bytes: &[u8], level: u32) -> Result<Expanded, NodeError> {
     let found = streamed::level(&listing.0, bytes, level)?;
     let folder = listing.0.rsplit_once('/').map_or(String::new(), |(folder, _)| format!("{folder}/"));
-    let text = format!("`{}` has {} levels; level {level} is read", listing.0, found.levels);
+    let text = format!("level {level} of `{}` is read (number of levels: {})", listing.0, found.levels);
     let pieces = found
         .files
         .into_iter()

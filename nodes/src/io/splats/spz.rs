@@ -121,7 +121,10 @@ fn unpack(file: &str, bytes: &[u8]) -> Result<Attributes, Error> {
     })?;
     let header = Header::read(file, &plain)?;
     if header.version == 4 {
-        return Err(Error::format(file, "a gzip stream contains SPZ version 4, which is not stored in gzip"));
+        return Err(Error::format(
+            file,
+            "the file is a gzip stream, but contains SPZ version 4, which must not be compressed with gzip",
+        ));
     }
     Ok(Attributes { left_over, ..split(file, &plain, header)? })
 }

@@ -85,7 +85,8 @@ pub(super) fn level(file: &str, bytes: &[u8], wanted: u32) -> Result<DetailLevel
             )));
         }
         let end = span.offset.checked_add(span.count);
-        let end = end.ok_or_else(|| wrong("a range of splats is too long".to_owned()))?;
+        let end =
+            end.ok_or_else(|| wrong("a range of splats ends beyond the largest possible index".to_owned()))?;
         rows.entry(span.file).or_default().push((span.offset, end));
     }
     let finest = levels.len();
@@ -115,7 +116,7 @@ fn joined(file: &str, mut spans: Vec<(u64, u64)>) -> Result<Ranges, Error> {
     spans.sort_unstable();
     let mut all: Ranges = Vec::new();
     for (start, end) in spans.into_iter().filter(|(start, end)| start < end) {
-        let beyond = |_| Error::format(file, "a range of splats is too long");
+        let beyond = |_| Error::format(file, "a range of splats ends beyond the largest possible index");
         let (start, end) = (usize::try_from(start).map_err(beyond)?, usize::try_from(end).map_err(beyond)?);
         match all.last_mut() {
             Some((_, last)) if start < *last => {
@@ -174,7 +175,7 @@ mod tests {
                 "refers to file 9, but the number of files is 3",
             ),
             ("\"offset\": 10", "\"offset\": 9", "share splats"),
-            ("\"offset\": 10", "\"offset\": 18446744073709551615", "too long"),
+            ("\"offset\": 10", "\"offset\": 18446744073709551615", "beyond the largest possible index"),
             ("\"0\":", "\"x\":", "is not a level number"),
             ("\"tree\"", "\"bush\"", "not the `lod-meta.json`"),
         ] {

@@ -368,9 +368,7 @@ fn files_that_were_cut_off_are_reported_as_what_they_were() {
     };
     let splat = build::splat(3);
     assert!(reported("a", &splat[..90]).contains("complete splats of 32 bytes: 2; further bytes: 26"));
-    assert!(
-        reported("a.splat", &splat[..20]).contains("the 20 bytes of the file begin neither like a `.splat`")
-    );
+    assert!(reported("a.splat", &splat[..20]).contains("the file (20 bytes) begins neither like a `.splat`"));
     let mut ksplat = build::ksplat(1, 1);
     // Some writers leave out the number in use and the capacity.
     ksplat[8..16].fill(0);
@@ -381,7 +379,7 @@ fn files_that_were_cut_off_are_reported_as_what_they_were() {
     );
     assert!(reported("a", &ksplat[..5000]).contains("the headers of sections"));
     assert!(reported("a", &ksplat[..ksplat.len() - 1]).contains("the splats of a section"));
-    assert!(reported("a.ksplat", &ksplat[..16]).contains("begin neither like a `.ksplat`"));
+    assert!(reported("a.ksplat", &ksplat[..16]).contains("begins neither like a `.ksplat`"));
 }
 
 #[test]
@@ -405,7 +403,7 @@ fn what_follows_the_splats_is_reported() {
 fn unknown_content_is_refused_in_words() {
     for (bytes, says) in [
         (&b""[..], "empty"),
-        (b"\x89PNG\r\n\x1a\n rest of a picture, not a scene", "not a known format"),
+        (b"\x89PNG\r\n\x1a\n rest of a picture, not a scene", "not in a known splat format"),
         (b"{\"frames\": []}", "neither glTF nor"),
         (b"ply\nformat ascii 1.0\nend_header\n", "no element `vertex`"),
         (b"ply\nformat binary_little_endian 1.0\nelement face 0\nend_header\n", "no element `vertex`"),

@@ -48,7 +48,7 @@ engine::outputs! {
 
 impl Kind for Compare {
     const NAME: &'static str = "compare";
-    const VERSION: u32 = 9;
+    const VERSION: u32 = 10;
     type Params = Self;
     type In = In;
     type Out = Out;

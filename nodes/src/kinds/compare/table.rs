@@ -27,7 +27,7 @@ const RATIO: [&str; 5] = [
     "psnr (dB)",
     "mean absolute error",
     "largest error",
-    "mean |ln a - ln b| (values raised to at least 0.001)",
+    "mean |ln a - ln b| (values below 0.001 count as 0.001)",
     "shadow IoU (pixels below 0.98)",
 ];
 /// Builds the report from the rows of the two tables.

@@ -8,7 +8,7 @@ use super::oidn;
 /// Denoising method.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Method {
-    /// Non-local means, built in: every pixel becomes the mean of pixels that look the same. Gives the same bytes
+    /// Non-local means, built in: every pixel becomes the mean of pixels that look similar. Gives the same bytes
     /// on every machine.
     Means,
     /// Open Image Denoise 2, if installed, in a build with the feature `oidn`. Its version is part of the cache
@@ -58,7 +58,7 @@ impl ParamType for Method {
         vec![
             (
                 "Means",
-                "Non-local means, built in: every pixel becomes the mean of pixels that look the same. Gives the same \
+                "Non-local means, built in: every pixel becomes the mean of pixels that look similar. Gives the same \
                  bytes on every machine.",
             ),
             (

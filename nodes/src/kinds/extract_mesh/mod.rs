@@ -92,7 +92,7 @@ const MOST_CUBES: usize = 1 << 16;
 
 impl Kind for ExtractMesh {
     const NAME: &'static str = "extract-mesh";
-    const VERSION: u32 = 4;
+    const VERSION: u32 = 5;
     const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
     type Params = Self;
     type In = In;
@@ -208,7 +208,7 @@ impl Kind for ExtractMesh {
         let mut tables = vec![report::counts(&[
             ("places", places.eyes.len()),
             ("places taken from `around` and `cameras`", places.given),
-            ("candidate places too near to a surface", places.failed),
+            ("candidate places too close to a surface", places.failed),
             ("views of `around` from above", places.steep),
             ("cubes of cells that were fused", held),
             ("triangles before simplification", raw),
@@ -249,7 +249,7 @@ fn mesh_of(surface: &Surface, seen: &[tint::Seen], origin: DVec3, cell: f32) -> 
 fn report_cut(cubes: &[Cube], levels: &Levels, metre: f64, notes: &mut Notes) {
     let farthest = cubes.iter().map(|cube| levels.distance_to(*cube)).fold(0.0, f32::max);
     let text = format!(
-        "the mesh reaches only {:.2} m, because the number of cubes of cells is limited to {MOST_CUBES}; raise `voxel_metres` for a larger mesh",
+        "the mesh extends only {:.2} m from `around` or the cameras, because the number of cubes of cells is limited to {MOST_CUBES}; for a larger mesh, raise `voxel_metres`",
         f64::from(farthest) / metre
     );
     notes.degraded("mesh-cut", text);

@@ -116,8 +116,8 @@ pub(super) fn views(
         "pixels with splats but no mesh (%)",
         "pixels with mesh but no splats (%)",
         "pixels that show the back of the mesh (%)",
-        "silhouettes of the splats that the mesh has (%)",
-        "silhouettes of the mesh that the splats have (%)",
+        "silhouette pixels of the splats with a silhouette of the mesh nearby (%)",
+        "silhouette pixels of the mesh with a silhouette of the splats nearby (%)",
     ];
     Ok(Table::new("views", columns, rows))
 }

@@ -68,7 +68,7 @@ engine::outputs! {
 
 impl Kind for FitLights {
     const NAME: &'static str = "fit-lights";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     type Params = Self;
     type In = In;
     type Out = Out;
@@ -150,9 +150,9 @@ fn report(env: &Environment, sun: Option<&Sun>, verdict: &str) -> Report {
             .map(Cell::Number);
         numbers.into_iter().chain([Cell::Text(verdict.to_owned())]).collect()
     });
-    let rival = format!("best gain more than {RIVAL_DEG} degrees away");
+    let rival = format!("best gain of a direction more than {RIVAL_DEG} degrees from this one");
     let columns = [
-        "azimuth (deg)",
+        "azimuth (deg, clockwise from forward)",
         "elevation (deg)",
         "irradiance (red)",
         "irradiance (green)",

@@ -84,7 +84,7 @@ impl Verdict {
                 "nothing above the horizon is clipped, or too few surface points can be compared"
             }
             Self::Unexplained => {
-                "in no direction does a sun explain the colours of the place clearly better (see `min_gain`)"
+                "adding a sun, in any direction, does not clearly improve the fit to the colours of the place (see `min_gain`)"
             }
             Self::Ambiguous => "several directions explain the colours of the place about equally well",
             Self::Hidden => "the sun found from the shadows does not light the point of capture",

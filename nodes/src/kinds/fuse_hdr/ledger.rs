@@ -122,7 +122,7 @@ impl Lights {
                 0 => String::new(),
                 _ if !pixels.ceiling => String::new(),
                 n => format!(
-                    "; clipped pixels get no light (count: {n}); check that the prediction was made for `base`"
+                    "; no light was predicted for some clipped pixels (count: {n}); check that the prediction was made for `base`"
                 ),
             };
             notes.warning(
@@ -162,7 +162,7 @@ impl Lights {
         }
         if short > 0 {
             let text = format!(
-                "barely clipped lights get less light than predicted (count: {short}); a lower `threshold` gives them all of the predicted light"
+                "lights that are barely clipped become less bright than predicted (count: {short}); a lower `threshold` gives them the predicted brightness"
             );
             notes.warning("flux-held-back", text);
         }

@@ -209,10 +209,8 @@ fn check_sizes(base: &Panorama, brackets: &Brackets) -> Result<(), NodeError> {
         && brackets.exposures.len() == brackets.evs.len()
         && brackets.exposures.iter().all(|e| sized(e.width, e.height) && e.channels == 3);
     if !fits {
-        let what = format!(
-            "the prediction has {}x{} pixels, but `base` has {width}x{height}",
-            map.width, map.height
-        );
+        let what =
+            format!("the prediction is {}x{} pixels, but `base` is {width}x{height}", map.width, map.height);
         return Err(NodeError::from(Error::Mismatch(what))
             .at("brackets")
             .hint("wire `base` to the same panorama as the prediction's `pano`"));

@@ -100,7 +100,7 @@ impl Balance {
         let Some(albedo) = self.albedo().filter(|albedo| *albedo > MOST_ALBEDO) else { return };
         if self.share > LEAST_OPEN {
             let text = format!(
-                "the ground is too bright for the light that falls on it: its albedo would be {albedo:.2}. Light is missing from the {:.1} % of the upper half that was not seen; set `ground_albedo` to add it (grass 0.2, stone or sand 0.3, concrete 0.4)",
+                "the ground is too bright for the light that falls on it: its albedo would be {albedo:.2}. Light is missing from the {:.1} % of the upper half of the panorama that was not captured; set `ground_albedo` to add this light (grass 0.2, stone or sand 0.3, concrete 0.4)",
                 100.0 * self.share
             );
             notes.warning("sky-missing", text);
@@ -112,13 +112,13 @@ impl Balance {
     pub(super) fn sky(&self, albedo: f64, notes: &mut Notes) -> Option<f64> {
         let percent = 100.0 * self.share;
         let Some(ground) = self.ground else {
-            let text = "`ground_albedo` has no effect: almost nothing was seen more than 20 degrees below the horizon, so the brightness of the ground is unknown";
+            let text = "`ground_albedo` has no effect: almost nothing was captured more than 20 degrees below the horizon, so the brightness of the ground is unknown";
             notes.warning("ground-albedo-unused", text);
             return None;
         };
         if self.share <= LEAST_OPEN {
             let text = format!(
-                "`ground_albedo` has no effect: {:.1} % of the upper half was seen, so no part is left for a sky",
+                "`ground_albedo` has no effect: {:.1} % of the upper half of the panorama was captured, so too little is missing to estimate a sky",
                 100.0 - percent
             );
             notes.warning("ground-albedo-unused", text);
@@ -128,13 +128,13 @@ impl Balance {
         let radiance = ((wanted - self.seen) / self.open).max(0.0);
         if radiance == 0.0 {
             let text = format!(
-                "the visible light gives the ground an irradiance of {:.4}, and an albedo of {albedo} needs only {wanted:.4}, so the unseen {percent:.1} % of the upper half stays black; a lower `ground_albedo` would make it a sky",
+                "the captured light gives the ground an irradiance of {:.4}, and an albedo of {albedo} needs only {wanted:.4}, so the {percent:.1} % of the upper half of the panorama that was not captured stays black; with a lower `ground_albedo`, a sky is added there",
                 self.seen
             );
             notes.warning("sky-black", text);
         } else {
             let text = format!(
-                "the unseen {percent:.1} % of the upper half became a white sky of radiance {radiance:.4}, which gives the ground (radiance {ground:.4}) an albedo of {albedo}; the irradiance on the ground is {:.4} with this sky and {:.4} without it",
+                "the {percent:.1} % of the upper half of the panorama that was not captured became a white sky of radiance {radiance:.4}, which gives the ground (radiance {ground:.4}) an albedo of {albedo}; the irradiance on the ground is {:.4} with this sky and {:.4} without it",
                 self.seen + radiance * self.open,
                 self.light
             );

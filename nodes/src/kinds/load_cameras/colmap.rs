@@ -72,7 +72,12 @@ fn lens(model: &str, width: u64, height: u64, params: &[f64]) -> Result<Lens, St
     if model == PANORAMA {
         return Err(format!("has the camera model `{model}`, which is not a perspective camera"));
     }
-    let wrong = || format!("has {} parameters, but the camera model `{model}` has {count}", params.len());
+    let wrong = || {
+        format!(
+            "has the wrong number of parameters, {} (the camera model `{model}` needs {count})",
+            params.len()
+        )
+    };
     if params.len() != *count {
         return Err(wrong());
     }

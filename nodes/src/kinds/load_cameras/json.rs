@@ -160,8 +160,8 @@ fn focal(holder: &Value, [length, radians, degrees]: [&str; 3], size: u64) -> Re
     if let Some(angle) = optional(holder, radians)? {
         return by_angle(angle, size).map(Some).ok_or_else(|| {
             format!(
-                "has the angle `{radians}` {angle}, which is not between 0 and pi: it is in radians, and `{degrees}` \
-                 is in degrees"
+                "has the angle `{radians}` {angle}, which is not between 0 and pi: `{radians}` is in radians; for an \
+                 angle in degrees, use `{degrees}`"
             )
         });
     }
@@ -199,7 +199,7 @@ fn coefficients(top: &Value, frame: &Value) -> Result<(Coefficients, Vec<String>
             let listed = listed.ok_or_else(|| format!("has a `{LIST}` whose entries are not numbers"))?;
             if listed.len() != LISTED.len() && listed.iter().any(|number| *number != 0.0) {
                 return Err(format!(
-                    "has a `{LIST}` of {} numbers, not of the six numbers k1, k2, k3, k4, p1, p2",
+                    "has a `{LIST}` of length {}, instead of the six numbers k1, k2, k3, k4, p1, p2",
                     listed.len()
                 ));
             }

@@ -149,7 +149,7 @@ impl Kind for LoadCameras {
         }
         if bytes > count::READ_MOST {
             let why = format!(
-                "its files have more than {} MiB, too many to read before it runs",
+                "the files of this node have more than {} MiB, too much to read before the node runs",
                 count::READ_MOST >> 20
             );
             return uncounted(why, Some("write the number instead: `Range(0, 300)`"));

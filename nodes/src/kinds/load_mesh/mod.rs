@@ -286,7 +286,7 @@ fn clean(name: &str, raw: RawMesh, srgb: bool, cx: &Context, notes: &mut Notes) 
         notes.count(id, count, what);
     }
     if mesh.triangles.is_empty() {
-        return Err(NodeError::from(Error::format(name, "has no triangle that can be used")).at("path"));
+        return Err(NodeError::from(Error::format(name, "the mesh has no usable triangle")).at("path"));
     }
     if mesh.colours.is_empty() {
         notes.warning(

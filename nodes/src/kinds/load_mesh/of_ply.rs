@@ -42,7 +42,7 @@ pub(super) fn from_ply(
     // A vertex that does not exist is reported later.
     let exist = raw.triangles.iter().flatten().all(|&vertex| (vertex as usize) < raw.positions.len());
     if raw.colours.is_empty() && !of_faces.is_empty() && exist {
-        let text = "only faces have colours: each corner gets the colour of its face";
+        let text = "only faces have colours, so each corner of a face gets the colour of the face";
         notes.decision("face-colours", text);
         colour_corners(&mut raw, &of_faces);
     }

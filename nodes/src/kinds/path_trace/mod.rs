@@ -139,7 +139,7 @@ impl PathTrace {
 
 impl Kind for PathTrace {
     const NAME: &'static str = "path-trace";
-    const VERSION: u32 = 23;
+    const VERSION: u32 = 24;
     const READS: &'static [ContextField] =
         &[ContextField::Exhaustive, ContextField::MetresPerUnit, ContextField::Seed, ContextField::Up];
     const PREVIEW: engine::Preview =
@@ -239,7 +239,7 @@ impl Kind for PathTrace {
             report_unseen(&unseen::of(&tracing, &views)?, &mut notes);
         }
         let crop = match tracing.crop() {
-            Ok(_) => format!("tiles where at most {} of the light changes", params.crop),
+            Ok(_) => format!("tiles in which objects change at most the share {} of the light", params.crop),
             Err(why) => format!("off: {why}"),
         };
         Ok((assemble(&inputs, views, &decided, centre, crop), notes))

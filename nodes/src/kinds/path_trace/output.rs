@@ -51,7 +51,7 @@ fn decisions(
     if let Some(probe) = probe {
         decisions.push(row("share of probe rays that miss the mesh", Cell::Number(probe.escaped_share())));
         decisions.push(row(
-            "share of front faces among the probe rays that hit the mesh",
+            "share of hits on front faces among the probe rays that hit the mesh",
             Cell::Number(probe.front_share()),
         ));
     }
@@ -113,7 +113,7 @@ pub(crate) fn assemble(
                     "RMS standard error of the pixels of `object`",
                     "rays",
                     "share of chunks of samples that no object changes",
-                    "share of chunks of samples that were cropped",
+                    "share of chunks of samples that `crop` left out",
                 ],
                 rows,
             ),
@@ -128,7 +128,7 @@ pub(crate) fn assemble(
                 "error predicted from the first samples",
                 "error reached",
                 "blocks of pixels",
-                "blocks that took more than the first samples",
+                "blocks that took further samples",
                 "blocks whose error is above the target",
                 "samples per pixel",
             ],

@@ -213,7 +213,7 @@ pub(crate) fn report_coarse_coordinates(prepared: &PreparedScene<'_>, objects: &
         if size > 0.0 && margin > COARSE * size {
             let [size, distance, margin] = [size, distance, margin].map(short);
             let text = format!(
-                "object {index} ({size} units large) is {distance} units from the first camera, so single precision loses contact \
+                "object {index} ({size} units across) is {distance} units from the first camera, so single precision loses contact \
                  shadows and detail below {margin} units"
             );
             notes.warning("coarse-coordinates", format!("{text}; move the first camera of the rig closer"));
@@ -372,7 +372,7 @@ pub(crate) fn report_first_samples(samples: u32, most: u32, notes: &mut Notes) {
 pub(crate) fn report_plan(view: &str, reached: &ReachedError, most: u32, notes: &mut Notes) {
     let ReachedError { asked, worst, blocks: [all, more, short], samples, .. } = *reached;
     let text = format!(
-        "`{view}`: {more} of {all} blocks of pixels took more than the first {FIRST} samples; the average is {samples:.1} samples per pixel"
+        "`{view}`: {more} of {all} blocks of pixels took more samples than the first {FIRST}; the average is {samples:.1} samples per pixel"
     );
     notes.decision("sample-plan", format!("{text}; the largest error is {worst:.4} (`max_error` {asked})"));
     if short > 0 {
@@ -384,7 +384,7 @@ pub(crate) fn report_plan(view: &str, reached: &ReachedError, most: u32, notes: 
         let ratio = worst / asked;
         let mut hint = match round_up(f64::from(most) * ratio * ratio) {
             needed if needed <= MOST_SAMPLES => format!("set `samples` to about {needed}"),
-            _ => "the target error needs more samples than the largest value of `samples`".to_owned(),
+            _ => "the target error needs more samples than the maximum of `samples`".to_owned(),
         };
         if worst <= LARGEST_ERROR {
             hint.push_str(&format!("; alternatively, set `max_error` to {worst:.2e}"));

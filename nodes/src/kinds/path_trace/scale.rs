@@ -18,7 +18,7 @@ pub(crate) fn report_size(receiver: &Receiver, boxes: &[Aabb], metres_per_unit: 
         if size > TOO_LARGE * place {
             let metres = f64::from(size) * metres_per_unit;
             let text = format!(
-                "object {index} is {} units ({} m) large, but the whole receiver mesh is only {} units large",
+                "object {index} is {} units ({} m) across, but the whole receiver mesh is only {} units across",
                 short(size),
                 short(metres as f32),
                 short(place)
@@ -53,7 +53,7 @@ pub(crate) fn why_not_seen(camera: &str, eye: Vec3, boxes: &[Aabb], backs: bool)
     all.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     let near = all.first().map_or(String::new(), |&(distance, index)| {
         format!(
-            "; object {index} ({} units large) is {} units away",
+            "; object {index} ({} units across) is {} units away",
             short(boxes[index].size()),
             short(distance)
         )
@@ -96,7 +96,7 @@ mod tests {
         let text = &reported(&receiver, 50.0)[0];
         assert!(
             text.starts_with(
-                "object 2 is 173.21 units (1.73 m) large, but the whole receiver mesh is only 8.49 units large;"
+                "object 2 is 173.21 units (1.73 m) across, but the whole receiver mesh is only 8.49 units across;"
             ),
             "{text}"
         );
@@ -108,7 +108,7 @@ mod tests {
         let boxes = [cube(9.0, 1.0), Aabb::EMPTY, cube(5.0, 1.0)];
         let text = why_not_seen("a", Vec3::new(5.0, 5.0, 2.0), &boxes, false);
         assert!(
-            text.starts_with("`a` sees no object; object 2 (3.46 units large) is 2.00 units away;"),
+            text.starts_with("`a` sees no object; object 2 (3.46 units across) is 2.00 units away;"),
             "{text}"
         );
         let text = why_not_seen("a", Vec3::splat(8.5), &boxes, true);

@@ -21,7 +21,7 @@ pub(super) fn clipped_light(pano: &Panorama, notes: &mut Notes) -> Result<Linear
     }
     let (width, height, channels) = pano.image.size();
     if channels != 3 || width == 0 || height == 0 || pano.alpha.samples.len() != width * height {
-        return Err(Error::Mismatch(format!("the panorama needs 3 channels and an alpha value for each pixel, but has {width}x{height} pixels (channels: {channels})")).into());
+        return Err(Error::Mismatch(format!("the panorama must not be empty, and needs 3 channels and an alpha value for each pixel (size: {width}x{height} pixels, channels: {channels})")).into());
     }
     let mut pixels = linear_pixels(&pano.image, Transfer::Srgb);
     if matches!(pano.image, Picture::Srgb(_)) {

@@ -174,7 +174,7 @@ impl<'a> Clipping<'a> {
         if kept > 0 && matches!(self.params.method, Method::Skip | Method::Manual { .. }) {
             notes.warning(
                 "clipping-kept",
-                format!("clipped pixels are not changed (count: {kept} of {clipped})"),
+                format!("clipped pixels that are not changed: {kept} of {clipped}"),
             );
         }
         let regions =

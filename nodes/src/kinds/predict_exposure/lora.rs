@@ -65,7 +65,7 @@ fn read(path: &Path) -> Result<LinearPixels, Error> {
     if width != 2 * height || height == 0 {
         return Err(Error::format(
             &name,
-            format!("has {width}x{height} pixels; a panorama must be twice as wide as high"),
+            format!("is {width}x{height} pixels; a panorama must be twice as wide as high"),
         ));
     }
     let sound = |v: f32| if v.is_finite() { v.max(0.0) } else { 0.0 };

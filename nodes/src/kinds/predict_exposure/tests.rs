@@ -266,7 +266,7 @@ fn emitters_act_where_the_user_states_them() {
     let all = mask.iter().filter(|clipped| **clipped).count();
     let kept = |notes: &Notes| notes.iter().find(|n| n.id == "clipping-kept").map(|n| n.text.clone());
     let (_, none) = stated(Vec::new()).expect("runs");
-    assert_eq!(kept(&none), Some(format!("clipped pixels are not changed (count: {all} of {all})")));
+    assert_eq!(kept(&none), Some(format!("clipped pixels that are not changed: {all} of {all}")));
     assert_eq!(kept(&stated(vec![[0.0, 0.0, 180.0, 5.0]]).expect("runs").1), None);
     assert!(stated(vec![[1e300, 5.0, 3.0, 5.0]]).is_err());
     assert!(stated(vec![[0.0, 95.0, 3.0, 5.0]]).is_err() && stated(vec![[0.0, 5.0, 0.0, 5.0]]).is_err());

@@ -43,7 +43,7 @@ impl Tally {
         if self.broken > 0 {
             notes.warning(
                 "not-finite",
-                format!("samples that are not finite cast no shadow (count: {})", self.broken),
+                format!("samples that are not finite are left without shadow (count: {})", self.broken),
             );
         }
         if self.samples > 0 && self.dark == self.samples {

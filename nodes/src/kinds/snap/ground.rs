@@ -127,7 +127,7 @@ impl Ground {
                 if let Some([under, upper]) = self.shell(&down, up, SHELL / cx.metres_per_unit()) {
                     return Err(under_a_shell([reach, under, upper].map(|v| v * cx.metres_per_unit())));
                 }
-                let text = "no face below the object faces up, so faces that face down count as ground";
+                let text = "no surface below the object faces up, so surfaces that face down count as ground";
                 notes.warning("ground-looks-down", text);
                 Ok(down)
             }

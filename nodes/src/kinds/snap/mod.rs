@@ -49,8 +49,8 @@ engine::inputs! {
         pose: Arc<Pose>,
         /// Mesh of the scene; give this or `splats`.
         mesh: Option<Arc<Mesh>>,
-        /// Splats of the scene; give this or `mesh`. Of each, the height is used at which it is densest along
-        /// vertical lines through the foot.
+        /// Splats of the scene; give this or `mesh`. For each splat, the height is used at which the splat is
+        /// densest along vertical lines through the foot.
         splats: Option<Arc<Splats>>,
     }
 }

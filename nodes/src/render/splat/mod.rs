@@ -103,7 +103,7 @@ fn check(camera: &Camera, limit: Option<Limit<'_>>) -> Result<(), NodeError> {
     let found = limit.map_or(size, |Limit { depth, .. }| (depth.width, depth.height, depth.channels));
     if found != size {
         let what = format!(
-            "the limiting depth for view `{}` has {}x{} pixels and the channel count {}; it must have {}x{} pixels and 1 channel",
+            "the limiting depth for view `{}` is {}x{} pixels (channels: {}); it must be {}x{} pixels with 1 channel",
             camera.name, found.0, found.1, found.2, size.0, size.1
         );
         return Err(NodeError::new(what).at("limit"));
@@ -152,7 +152,7 @@ fn checked(camera: &Camera) -> Result<(), NodeError> {
     if u64::from(width) * u64::from(height) <= MAX_PIXELS && width.max(height) <= MAX_SIDE {
         return Ok(());
     }
-    let what = format!("view `{}` is too large: it has {width}x{height} pixels", camera.name);
+    let what = format!("view `{}` is too large: it is {width}x{height} pixels", camera.name);
     let hint = format!("the limit is {MAX_PIXELS} pixels, and {MAX_SIDE} pixels per side");
     Err(NodeError::new(what).at("rig").hint(hint))
 }

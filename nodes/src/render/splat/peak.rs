@@ -36,8 +36,8 @@ pub(super) const COUNTS_DOWN_TO: f64 = 0.25;
 /// the surface, but it is used where no other splat is visible.
 pub(super) const HELD_COUNTS: f64 = 0.01;
 
-/// Depths of the peaks of a splat, as a function of the position of the pixel. Fits one cache line, like a
-/// footprint.
+/// Depth of the peak of a splat as a function of the pixel position. The struct fits in one cache line, as does
+/// `Footprint`.
 #[derive(Debug, Clone, Copy)]
 #[repr(C, align(64))]
 pub(super) struct Peak {

@@ -79,7 +79,7 @@ impl<'a> Materials<'a> {
         notes.count(
             "specular-glossiness",
             self.glossy,
-            "of the materials had specular-glossiness parameters; which were converted to `KHR_materials_specular`",
+            "of the materials had specular-glossiness parameters, which were converted to `KHR_materials_specular`",
         );
         self.report_others(notes);
         if self.occluded {
@@ -92,7 +92,7 @@ impl<'a> Materials<'a> {
     /// Reports unsupported content outside materials. Lights are reported only if a node has one.
     fn report_others(&self, notes: &mut Notes) {
         for (what, instead) in
-            [("animations", "all parts are placed by their nodes"), ("cameras", "the graph has its own")]
+            [("animations", "all parts are placed by their nodes"), ("cameras", "the graph defines its own")]
         {
             let held = self.json[what].as_array().map_or(0, Vec::len);
             if held > 0 {

@@ -229,7 +229,7 @@ fn an_accessor_without_numbers_is_zeros() {
     json["meshes"][0]["primitives"][0]["indices"] = json!(5);
     push(&mut json, "accessors", json!({"componentType": 5123, "count": 3, "type": "SCALAR"}));
     let reported = load_value(&json, None).err().map(|e| e.to_string()).unwrap_or_default();
-    assert!(reported.contains("with an area"), "{reported}");
+    assert!(reported.contains("with a nonzero area"), "{reported}");
 }
 
 #[test]

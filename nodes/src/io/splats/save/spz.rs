@@ -76,8 +76,8 @@ fn fraction_bits(splats: &Splats, notes: &mut Notes) -> Result<u32, NodeError> {
     // A centre moves by up to half a step.
     if 4.0 * step(bits) > size && !splats.is_empty() {
         let text = format!(
-            "centres are rounded to {:.1e} units, and half of the splats are smaller than {size:.1e}: the scene is \
-             too wide, or its splats are too small, for 24 bits",
+            "centres are rounded to {:.1e} units, and half of the splats are smaller than {size:.1e} units: the scene is \
+             too wide, or its splats are too small, for the 24 bits of an SPZ coordinate",
             step(bits)
         );
         notes.warning("coarse-centres", text);
@@ -147,7 +147,7 @@ fn report_grown(splats: &Splats, notes: &mut Notes) {
     if grown > 0 {
         let least = axes.iter().copied().fold(f32::INFINITY, f32::min);
         let text = format!(
-            "splat axes shorter than {smallest:.1e} units, the minimum of SPZ, were lengthened to this minimum ({grown} of {}); the shortest axis has {least:.1e} units. Scale the scene up if this is visible",
+            "splat axes shorter than {smallest:.1e} units, the minimum of SPZ, were lengthened to this minimum ({grown} of {}); the shortest axis was {least:.1e} units long. Scale the scene up if this is visible",
             axes.len()
         );
         notes.warning("splats-grown", text);

@@ -272,7 +272,7 @@ fn one_level_of_a_streamed_scene_is_read() {
         let (splats, notes, sources) = load(path).unwrap();
         assert!(splats == one, "{path}");
         assert_eq!(sources, 1 + 8);
-        assert!(notes.iter().any(|note| note.id == "streamed-level" && note.text.contains("2 levels")));
+        assert!(notes.iter().any(|note| note.id == "streamed-level" && note.text.contains("levels: 2")));
     }
     // Places in any order, and a place that takes a part of the rows.
     let place = |from: usize, count: usize| {
@@ -331,7 +331,7 @@ fn text_is_not_read_as_splats() {
             let mut text = line.repeat(count).into_bytes();
             text.resize(text.len().next_multiple_of(32), b' ');
             let error = read(&text).err().unwrap_or_else(|| panic!("{line} is read"));
-            assert!(error.message().contains("a text, but not of a known format of splats"), "{error}");
+            assert!(error.message().contains("a text file, but not in a known splat format"), "{error}");
         }
     }
     // Centres that begin like JPEG XL.

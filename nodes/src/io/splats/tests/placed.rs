@@ -59,7 +59,9 @@ fn spz_is_turned_by_its_format() {
     let load = |frame, up| from_bytes("a", &bytes, frame, &at(up, 3.0)).unwrap();
     let (stored, _) = load(Frame::AsStored, Up::MinusY);
     let (turned, notes) = load(Frame::ByFormat, Up::MinusY);
-    assert!(notes.iter().any(|note| note.id == "frame" && note.text.contains("+y up by its format")));
+    assert!(
+        notes.iter().any(|note| note.id == "frame" && note.text.contains("+y up, according to its format"))
+    );
     for (a, b) in stored.means.iter().zip(&turned.means) {
         near(&[a[0], -a[1], -a[2]], b, 0.0);
     }

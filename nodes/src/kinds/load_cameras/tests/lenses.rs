@@ -27,7 +27,7 @@ fn distortion_is_read_in_every_form_of_nerfstudio() {
         assert!(of_json(&text).is_ok_and(|(_, notes)| !notes.is_degraded()), "{text}");
     }
     for (wrong, says) in [
-        (r#""distortion_params": [0.1, 0, 0, 0], "#, "of 4 numbers, not of the six numbers"),
+        (r#""distortion_params": [0.1, 0, 0, 0], "#, "of length 4, instead of the six numbers"),
         (r#""distortion_params": 0.1, "#, "not a list of numbers"),
         (r#""distortion_params": [null, 0, 0, 0, 0, 0], "#, "entries are not numbers"),
         (r#""k1": [0.1], "#, "`k1` that is not a number"),

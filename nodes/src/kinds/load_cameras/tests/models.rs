@@ -27,7 +27,10 @@ fn new_models_of_colmap_are_named() {
             "camera 7 has the camera model `EQUIRECTANGULAR`, which is not a persp",
         ),
         ("TOMORROW 40 30 50", "camera 7 has the camera model `TOMORROW`, which is unknown"),
-        ("PINHOLE 40 30 50 20 15", "camera 7 has 3 parameters, but the camera model `PINHOLE` has 4"),
+        (
+            "PINHOLE 40 30 50 20 15",
+            "camera 7 has the wrong number of parameters, 3 (the camera model `PINHOLE` needs 4)",
+        ),
     ] {
         let error = of(model).err().map(|e| e.to_string()).unwrap_or_default();
         assert!(error.contains(says), "{model}: {error}");

@@ -205,5 +205,5 @@ fn what_would_reach_the_error_is_reported() {
     let text = reported(0.01, 0.051);
     assert!(text.contains("after 16 samples per pixel") && text.contains("above 0.01 in 2 of 4 blocks"));
     assert!(text.contains("`samples` to about 420") && text.contains("`max_error` to 5.10e-2"), "{text}");
-    assert!(reported(1e-6, 0.05).contains("more samples than the largest value of `samples`"));
+    assert!(reported(1e-6, 0.05).contains("more samples than the maximum of `samples`"));
 }

@@ -52,7 +52,7 @@ fn a_picture_on_a_rough_wall_is_whole() {
     }
 }
 
-/// An object some centimetres off the wall does not count as resting on it. This test fails if `gap` is as large as
+/// An object a few centimetres from the wall does not count as resting on it. This test fails if `gap` is as large as
 /// `deep` in `Side::rests`.
 #[test]
 fn what_stands_near_a_wall_stays_off_it() {

@@ -51,7 +51,7 @@ impl<'a> Kontext<'a> {
         ];
         match numbers.into_iter().find(|(_, value, low, high)| !(*low..=*high).contains(value)) {
             Some((name, value, low, high)) => {
-                let what = format!("`{name}` of `FluxKontext` is {value}, outside {low} to {high}");
+                let what = format!("`{name}` of `FluxKontext` must be {low} to {high}, but is {value}");
                 Err(NodeError::new(what).at("method"))
             }
             None => Ok(()),

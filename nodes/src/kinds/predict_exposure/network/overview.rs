@@ -23,9 +23,9 @@ const HORIZON: f64 = 0.05;
 const NEAR: f64 = -0.3;
 /// Largest absolute sine of the elevation of cells that can be walls.
 const WALL: f64 = 0.4;
-/// Half width of the windows in which walls are evaluated, in columns of a grid of 256.
+/// Half the width of the neighbourhood over which walls are evaluated, in columns, for a grid 256 columns wide.
 const REACH: usize = 8;
-/// Minimum unclipped share of a window in which walls are evaluated.
+/// Minimum unclipped share of a neighbourhood over which walls are evaluated.
 const OPEN: f64 = 0.06;
 
 impl GridQuantities<'_> {

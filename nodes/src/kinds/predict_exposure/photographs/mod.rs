@@ -106,13 +106,13 @@ impl Photograph {
         if middle.abs() > APART[0] || apart > APART[1] {
             let (stops, than) = (middle.abs(), if middle > 0.0 { "brighter" } else { "darker" });
             let text = format!(
-                "{taken} {} pixels are {stops:.1} stops {than} than in the panorama or a brighter photograph (median; half of the pixels are within {apart:.1} stops of it); check its exposure, and that it shows the same place",
+                "{taken} the median of {} pixels is {stops:.1} stops {than} than in the panorama or a brighter photograph (half of the pixels are within {apart:.1} stops of the median); check the exposure of the photograph, and that it shows the same place",
                 shown.len()
             );
             notes.warning("photograph-disagrees", text);
         } else if short as f64 > SHORT * white.len() as f64 {
             let text = format!(
-                "{taken} {short} of {} pixels that are white in brighter pictures are darker than that white; check that it shows the same place and is not rotated",
+                "{taken} {short} of the {} pixels that are white in brighter pictures show less light than this white requires; check that the photograph shows the same place and is not rotated",
                 white.len()
             );
             notes.warning("photograph-disagrees", text);
@@ -289,7 +289,7 @@ fn read(
     let (width, height, _) = picture.size();
     let (wanted, tall) = (pano.alpha.width, pano.alpha.height);
     if (width, height) != (wanted, tall) {
-        let what = format!("is {width}x{height}; the panorama is {wanted}x{tall}");
+        let what = format!("is {width}x{height} pixels, but the panorama is {wanted}x{tall}");
         return Err(Error::format(&file.0, what).into());
     }
     let linear = matches!(picture, Picture::Linear(_));

@@ -203,7 +203,7 @@ fn photographs_that_contradict_the_panorama_are_reported() {
     place.write("lamps.png", &png::write(&raster, false, &[]).expect("packs"));
     let (_, notes) = place.gains(&["lamps.png"], &[-3.0]);
     let found = reported(&notes, "photograph-disagrees");
-    assert!(found.len() == 1 && found[0].contains("512 of 1536 pixels that are white"), "{notes:?}");
+    assert!(found.len() == 1 && found[0].contains("512 of the 1536 pixels that are white"), "{notes:?}");
     // Nothing of the panorama is visible at EV -15.
     place.take("night.png", -15.0, (W, H), None);
     let (_, notes) = place.gains(&["night.png"], &[-15.0]);

@@ -32,7 +32,7 @@ fn files_of_the_diffusion_model_count_by_content_and_a_build_without_it_says_so(
     let numbers = |method: &Method| method.kontext().expect("is it").check_numbers();
     assert!(numbers(&method).is_ok());
     let error = numbers(&flux_kontext(["a", "b", "c", "d"], 0, 0)).expect_err("takes no steps").to_string();
-    assert!(error.contains("`steps` of `FluxKontext` is 0, outside 1 to 200"), "{error}");
+    assert!(error.contains("`steps` of `FluxKontext` must be 1 to 200, but is 0"), "{error}");
     let checked =
         PredictExposure::check(&PredictExposure { evs: vec![-3.0], method, white: CLIPPED, weights: None });
     if cfg!(feature = "learned") {

@@ -52,7 +52,7 @@ pub fn read(name: &str, bytes: &[u8]) -> Result<Image<Linear>, Error> {
         return Err(Error::format(
             name,
             format!(
-                "is {width}x{height}; a panorama must be twice as wide as high, and at least {WIDTH}x{}",
+                "is {width}x{height} pixels; a panorama must be twice as wide as high, and at least {WIDTH}x{}",
                 WIDTH / 2
             ),
         ));

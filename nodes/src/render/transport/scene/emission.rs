@@ -32,8 +32,8 @@ impl Objects {
         self.surface(&Hit { back, ..*hit }, out, false, 0.0, Media::default()).emission
     }
 
-    /// Emission of the material at a hit, averaged over a footprint of `width` (a share of the square root of
-    /// twice the area of the triangle).
+    /// Emission of the material at a hit, averaged over a footprint. `width` is the width of the footprint, as a
+    /// fraction of the square root of twice the area of the triangle.
     pub fn emission(&self, hit: &Hit, width: f32) -> Vec3 {
         let (_, material, point) = self.point(hit);
         emission(&SurfacePoint { width, ..point }, material)

@@ -79,7 +79,10 @@ impl<'a> Geometry<'a> {
         if let (Some(chosen), None, true) = (&chosen, scene, count > 1) {
             notes.decision(
                 "scene",
-                format!("scene {} of the {count} scenes of the file is used", chosen.index()),
+                format!(
+                    "the scene with the index {} is used (number of scenes in the file: {count})",
+                    chosen.index()
+                ),
             );
         }
         let mut order = Vec::new();
@@ -117,7 +120,7 @@ impl<'a> Geometry<'a> {
                 (0, 0) => String::new(),
                 (0, n) => format!(", only points or lines (primitives: {n})"),
                 (n, _) => format!(
-                    " with an area; triangles that are too small for the precision of the coordinates, or are not finite, were dropped (number: {n})"
+                    " with a nonzero area; triangles that are too small for the precision of the coordinates, or are not finite, were dropped (number: {n})"
                 ),
             };
             return Err(self.bad(format!("the object has no triangles{why}")).into());

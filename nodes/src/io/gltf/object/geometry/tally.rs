@@ -48,7 +48,7 @@ impl Tally {
             (
                 "no-coordinates",
                 self.unmapped,
-                "of the primitives had a texture but no texture coordinates, so the corner of the texture is shown",
+                "of the primitives had a texture but no texture coordinates, so the colour of the texture at (0, 0) is used",
             ),
             (
                 "coordinates-not-finite",

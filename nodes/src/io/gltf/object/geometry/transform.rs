@@ -44,7 +44,10 @@ impl Geometry<'_> {
         };
         let instances: Vec<DMat4> = (0..count).map(instance).collect();
         match instances.iter().position(|m| !m.is_finite()) {
-            Some(bad) => Err(self.bad(format!("instance {bad} of node {} is not finite", node.index()))),
+            Some(bad) => {
+                Err(self
+                    .bad(format!("the transform of instance {bad} of node {} is not finite", node.index())))
+            }
             None => Ok(instances),
         }
     }

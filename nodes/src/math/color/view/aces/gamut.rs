@@ -187,8 +187,9 @@ impl Gamut {
     }
 }
 
-/// Colourfulness at which a line meets the curve `j = top.j (m / top.m)^(1 / inverse)`. The line is approximated by
-/// one that starts on the axis where the curve and a line through `reference` agree.
+/// Approximate colourfulness at which `line` meets the curve `j = top.j (m / top.m)^(1 / inverse)`. The curve is
+/// replaced by the straight line from the origin through `top`. To compensate, the lightness at which `line` starts
+/// on the axis is raised to the power `inverse`, scaled so that the lightness `reference` is unchanged.
 fn crossing(line: &Line, inverse: f64, [top_j, top_m]: [f64; 2], reference: f64) -> f64 {
     let start = reference * num::pow(line.axis / reference, inverse);
     start / (top_j / top_m - line.slope)
