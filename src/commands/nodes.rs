@@ -116,10 +116,12 @@ fn found(registry: &Registry, word: &str, width: usize) -> Result<String, Error>
     if kinds.is_empty() {
         let near = engine::nearest(word, registry.iter().map(|kind| kind.name));
         let hint = near.map(|near| format!(", did you mean `{near}`?")).unwrap_or_default();
-        return Err(Error::usage(format!("no kind is named `{word}` or mentions it{hint}")));
+        return Err(Error::usage(format!("no kind is named `{word}` or mentions this word{hint}")));
     }
     let mut text = String::new();
-    for (title, ranks) in [("kinds", 0..2), ("kinds with a port or a parameter of that name", 2..3)] {
+    for (title, ranks) in
+        [("kinds", 0..2), ("kinds that have a port or a parameter with a matching name", 2..3)]
+    {
         let kinds: Vec<_> = kinds.iter().filter(|(rank, _)| ranks.contains(rank)).collect();
         if !kinds.is_empty() {
             text.push_str(&format!("{title}\n"));

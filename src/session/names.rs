@@ -94,7 +94,9 @@ fn find_all(graph: &Graph, name: &str) -> Result<Vec<usize>, Error> {
             axes.map(|axis| format!("`{axis}` {}", values_of(graph, &instances, axis))).collect();
         return Err(Error::usage(match known.as_slice() {
             [] => format!("`{plain}` does not vary along an axis, so it has no `{values}`"),
-            known => format!("`{plain}` has no `{values}`; it has {}", known.join(" and ")),
+            known => {
+                format!("`{plain}` has no instance `{values}`; it has instances at {}", known.join(" and "))
+            }
         }));
     }
     let plain_names: BTreeSet<&str> =

@@ -141,7 +141,7 @@ impl Lines {
             Event::Pass { parameter, level, of, coarse } => {
                 let blocks = match coarse {
                     1 => String::new(),
-                    n => format!(", one pixel of each block of {n} by {n}"),
+                    n => format!(", with one computed pixel per block of {n} by {n} pixels"),
                 };
                 self.line("preview", "36", &format!("{parameter} {level} of {of}{blocks}"));
             }
@@ -152,7 +152,7 @@ impl Lines {
             }
             Event::Idle { files } => {
                 let s = if *files == 1 { "" } else { "s" };
-                self.line("watching", "2", &format!("{files} file{s}; Ctrl-C ends"));
+                self.line("watching", "2", &format!("{files} file{s}; press Ctrl-C to end"));
             }
         }
     }

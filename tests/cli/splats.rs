@@ -57,7 +57,7 @@ fn converting_says_what_it_took_for_granted() {
         "{text}"
     );
     let (_, text) = printed(&place.call(&["inspect", "four.spz"]));
-    assert!(text.contains("+y, defined by its format") && text.contains("+y, sure"), "{text}");
+    assert!(text.contains("+y, defined by the file format") && text.contains("+y, sure"), "{text}");
     for wrong in [
         &["convert", "room.ply", "a.spz", "--up", "+z", "--as-stored"][..],
         &["convert", "room.ply", "a.ply", "--spz4"],

@@ -110,7 +110,7 @@ fn check_output(input: &Path, output: &Path) -> Result<(), NodeError> {
             "the output `{}` is the same file as the input",
             output.display()
         ))
-        .hint("name another output file"));
+        .hint("choose another output file"));
     }
     let folder = output.parent().filter(|folder| !folder.as_os_str().is_empty());
     let Some(folder) = folder.filter(|folder| !folder.is_dir()) else { return Ok(()) };

@@ -53,7 +53,10 @@ impl Key {
                 // Own results come back from a server as those of others do.
                 trusted.trust(&public)?;
                 terminal::print(&format!("{public}\n"))?;
-                terminal::remark(&format!("the secret key is in `{}`; it is trusted here", path.display()));
+                terminal::remark(&format!(
+                    "the secret key is in `{}`; results that it signs are trusted on this machine",
+                    path.display()
+                ));
             }
             Verb::Show => {
                 let public = SecretKey::read(&secret_key_file()?)?.public();
@@ -86,6 +89,6 @@ fn named(trusted: &TrustedKeys, text: &str) -> Result<PublicKey, Error> {
     match trusted.named(text).as_slice() {
         [key] => Ok((*key).clone()),
         [] => Err(Error::usage(format!("no trusted key is named `{text}`; `key list` prints all keys"))),
-        _ => Err(Error::usage(format!("several trusted keys are named `{text}`; write the whole key"))),
+        _ => Err(Error::usage(format!("several trusted keys are named `{text}`; pass the whole key"))),
     }
 }

@@ -80,7 +80,8 @@ impl Run {
             let sets_error =
                 |set: &&String| set.split('=').next().is_some_and(|f| f.trim().ends_with(".max_error"));
             if let Some(set) = self.graph.set.iter().find(sets_error) {
-                let text = format!("`--max-error` and `--set {set}` both set an error; remove one of them");
+                let text =
+                    format!("`--max-error` and `--set {set}` both set `max_error`; remove one of them");
                 return Err(Error::usage(text));
             }
             let chosen;

@@ -37,7 +37,9 @@ impl TrainLora {
     /// Trains on `panoramas` and writes `out`. Returns exit code 130 if it is interrupted.
     pub fn run(&self, panoramas: &[PathBuf], out: &Path, seed: u64, steps: u64) -> Result<u8, String> {
         if !(self.width.is_multiple_of(32) && self.rate > 0.0 && self.rate <= 1.0) {
-            return Err("`--width` must be a multiple of 32, and `--rate` above 0 and at most 1".to_owned());
+            return Err(
+                "`--width` must be a multiple of 32, and `--rate` must be above 0 and at most 1".to_owned()
+            );
         }
         let plan = LoraPlan {
             transformer: self.transformer.clone(),

@@ -103,8 +103,11 @@ fn moved(graph: &Graph, pair: &Pair, best: &Moved) -> String {
         }
         _ => format!("transform the {what} by the matrix {}", rows(&by)),
     };
-    let other =
-        if best.is_decided { "" } else { ", or that of the splats if cameras and mesh fit each other" };
+    let other = if best.is_decided {
+        ""
+    } else {
+        ", or the frame of the splats if the cameras and the mesh fit each other"
+    };
     format!(
         "{}, the agreement is {percent:.0} %: the frame of the {what} is probably wrong{other}; {advice}",
         change(&by, what, best)
@@ -122,7 +125,7 @@ fn mirrored(by: &Similarity) -> String {
     };
     let all = [rows.x_axis, rows.y_axis, rows.z_axis].map(coordinate);
     let mut parts = vec![match all {
-        [Some(x), Some(y), Some(z)] => format!("mirrored, that is (x, y, z) replaced by ({x}, {y}, {z})"),
+        [Some(x), Some(y), Some(z)] => format!("mirrored, so that (x, y, z) becomes ({x}, {y}, {z})"),
         _ => "mirrored".to_owned(),
     }];
     if (by.scale - 1.0).abs() > 1e-9 {

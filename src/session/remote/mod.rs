@@ -68,7 +68,7 @@ impl RemoteArgs {
                 Ok((engine.sharing(cache.clone()), Some(Remote { cache, address })))
             }
             Err(error) if fallback => {
-                let text = format!("{address}: {error}; the run continues without it");
+                let text = format!("{address}: {error}; the run continues without this server");
                 show(&Event::Warning { id: "remote-lost", text });
                 Ok((engine, None))
             }
@@ -88,7 +88,7 @@ impl Remote {
         }
         let (down, up) = (bytes_text(bytes_down), bytes_text(bytes_up));
         Some(format!(
-            "{}: {found} results found there, {values} values fetched ({down}), {stored} results stored ({up})",
+            "{}: results found there: {found}, values fetched: {values} ({down}), results stored: {stored} ({up})",
             self.address
         ))
     }
@@ -119,7 +119,7 @@ pub fn secret_key_file() -> Result<PathBuf, Error> {
 fn secret_key() -> Result<SecretKey, Error> {
     let path = secret_key_file()?;
     if !path.exists() {
-        let why = "storing results needs a key that signs them; make one with `lightharmony key new NAME`";
+        let why = "storing results requires a key to sign them; make one with `lightharmony key new NAME`";
         return Err(Error::usage(why));
     }
     Ok(SecretKey::read(&path)?)
