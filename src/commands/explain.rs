@@ -18,7 +18,7 @@ pub struct Explain {
     /// Also print everything that the node's key consists of
     #[arg(long)]
     key: bool,
-    /// One JSON object on standard output
+    /// Print one JSON object on standard output
     #[arg(long)]
     pub json: bool,
     #[command(flatten)]

@@ -14,7 +14,7 @@ use crate::terminal::{self, paragraphs, wrapped};
 pub struct Nodes {
     /// Name of a kind, such as `splat-render` or `SplatRender`, or a word to search for
     kind: Option<String>,
-    /// The whole reference as Markdown
+    /// Print the whole reference as Markdown
     #[arg(long)]
     markdown: bool,
 }

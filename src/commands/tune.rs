@@ -52,7 +52,7 @@ pub struct Tune {
     /// The overlay to write
     #[arg(long, short, value_name = "FILE", default_value = "tuned.ron")]
     out: PathBuf,
-    /// One JSON object on standard output
+    /// Print one JSON object on standard output
     #[arg(long)]
     pub json: bool,
 }

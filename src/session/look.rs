@@ -197,12 +197,12 @@ pub fn of_panorama(file: &Path, bytes: &[u8]) -> Result<Drawn, NodeError> {
     let mut lines = String::new();
     let _ = writeln!(
         lines,
-        "{:>14}  {width} by {height}; the lines mark the horizon and the centre column (forward)",
+        "{:>14}  {width} by {height} pixels; the lines mark the horizon and the centre column (forward)",
         "panorama"
     );
     let _ = writeln!(
         lines,
-        "{:>14}  {:.3}, {azimuth:.1} degrees right of forward, {rise:.1} degrees above the horizon; 95 % of the pixels are below {white:.3}",
+        "{:>14}  luminance {:.3}, {azimuth:.1} degrees right of forward, {rise:.1} degrees above the horizon; 95 % of the pixels have a luminance below {white:.3}",
         "brightest", peak.1
     );
     Ok((canvas.png()?, lines))

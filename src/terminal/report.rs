@@ -13,7 +13,7 @@ use super::words::{counts_text, forecast_text, seconds_text, totals_text};
 
 /// Prints the events of a run.
 pub enum Report {
-    /// One JSON object per line on standard output.
+    /// Print one JSON object per line on standard output.
     Json,
     /// Lines on standard error, with a bar if it is a terminal, and paths of written files on standard output.
     Lines(Box<Lines>),

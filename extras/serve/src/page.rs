@@ -22,7 +22,7 @@ use crate::routes::router;
 pub struct Options {
     /// Path of the graph file.
     pub graph: PathBuf,
-    /// The port; `None` for the port of the last time, or any free port.
+    /// The port; `None` for the port that was used last, or any free port.
     pub port: Option<u16>,
     /// Folder of the history of edits and of the address; `None` to keep them in memory only.
     pub folder: Option<PathBuf>,

@@ -82,7 +82,7 @@ impl Lines {
         let [x, y, z] = level.up;
         let up = level.axis().map_or_else(|| format!("({x:.4}, {y:.4}, {z:.4})"), str::to_owned);
         let sure = if level.is_sure() { "sure" } else { "not sure" };
-        self.line("up, measured", format!("{up}, {sure} ({:.2})", level.confidence));
+        self.line("up, measured", format!("{up}, {sure} (confidence {:.2})", level.confidence));
         let ceiling = level
             .ceiling
             .map_or_else(String::new, |c| format!(", ceiling {} above it", ruler.length(c - level.floor)));
@@ -90,7 +90,7 @@ impl Lines {
         self.line(
             "floor",
             format!(
-                "{} along up{ceiling}, {sure} ({:.2})",
+                "{} along the up axis{ceiling}, {sure} (confidence {:.2})",
                 ruler.length(level.floor),
                 level.floor_confidence
             ),
@@ -98,7 +98,7 @@ impl Lines {
         let scale = &level.scale;
         let metres = scale.metres_per_unit.map_or_else(
             || format!("not known: {}", scale.reason),
-            |m| format!("{m:.3} m per unit ({:.2}): {}", scale.confidence, scale.reason),
+            |m| format!("{m:.3} m per unit (confidence {:.2}): {}", scale.confidence, scale.reason),
         );
         self.line("scale", metres);
     }
@@ -130,7 +130,7 @@ fn of_picture(text: &mut Lines, picture: &picture::Inspection) {
     let picture::Inspection { width, height, channels, encoding, peak, mean } = picture;
     text.line("picture", format!("{width}x{height} pixels, channels: {channels}, {encoding}"));
     if let Some(peak) = peak {
-        let place = format!("at ({}, {})", peak.x, peak.y);
+        let place = format!("at pixel ({}, {})", peak.x, peak.y);
         text.line("brightest", format!("{}, {place}", picture::brightness(peak.luminance)));
     }
     if let Some(mean) = mean {
@@ -194,7 +194,7 @@ fn of_splats(text: &mut Lines, scene: &Inspection, declared_up: Option<&str>) {
         text.line(
             "sizes",
             format!(
-                "median {:.2e}, 99 % below {:.2e}, largest {:.2e}; {:.0} % are flat, {:.1} % are needles",
+                "longest axis (standard deviation): median {:.2e}, 99 % below {:.2e}, maximum {:.2e}; flat splats: {:.0} %, needles: {:.1} %",
                 sizes.median_longest,
                 sizes.p99_longest,
                 sizes.longest,

@@ -17,7 +17,7 @@ pub struct Key {
 
 #[derive(Debug, Subcommand)]
 enum Verb {
-    /// Make your key and print its public part, which others pass to `key trust`
+    /// Make your key and print its public part, which other users pass to `key trust`
     New {
         /// Name of the key, such as anna-1
         name: String,
@@ -32,7 +32,7 @@ enum Verb {
         /// The public key, such as anna-1:BASE64
         key: String,
     },
-    /// Do not use results that are signed by this key any more; this cannot be taken back
+    /// Stop using results that are signed by this key; this cannot be undone
     Revoke {
         /// The public key, or the name of a trusted key
         key: String,

@@ -47,7 +47,7 @@ pub struct Run {
     /// Write a trace of all threads, for chrome://tracing or Perfetto
     #[arg(long, value_name = "FILE")]
     trace: Option<PathBuf>,
-    /// One JSON object per line on standard output
+    /// Print one JSON object per line on standard output
     #[arg(long)]
     pub json: bool,
     /// Also print cached nodes, counts, and all notes of nodes

@@ -11,7 +11,7 @@ use crate::terminal::training::Follow;
 
 /// Arguments of the training of a LoRA.
 #[derive(Debug, Args)]
-#[command(next_help_heading = "With --backend flux-kontext")]
+#[command(next_help_heading = "Options of --backend flux-kontext")]
 pub struct TrainLora {
     /// The transformer of Flux.1 Kontext: safetensors (or its first shard) or GGUF
     #[arg(long, default_value = "flux1-kontext-dev.safetensors")]
