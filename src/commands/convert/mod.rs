@@ -32,7 +32,8 @@ pub struct Convert {
     /// Keep the coordinates as stored, even if the formats define different up axes
     #[arg(long, conflicts_with = "up")]
     as_stored: bool,
-    /// Write SPZ version 4. The default is version 3, which all readers of SPZ support; it is version 4 if the scene has harmonics of degree 4
+    /// Write SPZ version 4. The default is version 3, which all readers of SPZ support; it is version 4 if the
+    /// scene has harmonics of degree 4
     #[arg(long)]
     spz4: bool,
     #[command(flatten)]

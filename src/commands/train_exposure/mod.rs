@@ -29,7 +29,8 @@ pub struct TrainExposure {
     /// Number of networks whose predictions are averaged
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u64).range(1..=64))]
     members: u64,
-    /// Number of folds of the cross-validation; panoramas of the same place are always in the same fold. 0 means no cross-validation
+    /// Number of folds of the cross-validation; panoramas of the same place are always in the same fold. 0 means no
+    /// cross-validation
     #[arg(long, default_value_t = 6, value_parser = clap::value_parser!(u64).range(0..=64))]
     folds: u64,
     /// Number of procedural panoramas in addition to the panoramas in the folder

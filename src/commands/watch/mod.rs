@@ -46,7 +46,8 @@ pub struct Watch {
     /// Check the files every half second instead of listening to their folders
     #[arg(long)]
     poll: bool,
-    /// Also serve the live page, which shows the graph and its pictures in a browser and can edit values in the graph file. Prints the address to open, which contains a secret
+    /// Also serve the live page, which shows the graph and its pictures in a browser and can edit values in the
+    /// graph file. Prints the address to open, which contains a secret
     #[arg(long)]
     serve: bool,
     /// Port of the live page [default: the port that was used last, or any free port]

@@ -18,8 +18,8 @@ const VARIABLE: &str = "LIGHTHARMONY_REMOTE";
 /// The server with results of others.
 #[derive(Debug, Clone, Args)]
 pub struct RemoteArgs {
-    /// Server of the Remote Execution API whose results are used, such as grpc://127.0.0.1:8980; `none` for no server
-    /// [env: LIGHTHARMONY_REMOTE; default: the server in the user's remote.ron]
+    /// Server of the Remote Execution API whose results are used, such as grpc://127.0.0.1:8980; `none` for no
+    /// server [env: LIGHTHARMONY_REMOTE; default: the server in the user's remote.ron]
     #[arg(long, value_name = "URL")]
     remote: Option<String>,
     /// Also store new results on the server, signed by your key; see `lightharmony key`
