@@ -182,7 +182,9 @@ impl ActionFile {
         }
         let Head { format } = ron::from_str(text).map_err(|error| error.to_string())?;
         if format != FORMAT {
-            return Err(format!("its format is {format}; this version reads format {FORMAT}"));
+            return Err(format!(
+                "the action has format {format}, but this version of lightharmony reads format {FORMAT}"
+            ));
         }
         ron::from_str(text).map_err(|error| error.to_string())
     }

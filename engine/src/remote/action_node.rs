@@ -81,7 +81,7 @@ fn wires(file: &ActionFile, kind: &KindEntry) -> Result<(Vec<Output>, Vec<Vec<Wi
     let invalid = |why: String| Err(ActionError::Invalid(why));
     let named = file.inputs.iter().map(|(name, _)| name.as_str());
     if !named.eq(kind.inputs.iter().map(|port| port.name)) {
-        return invalid(format!("its inputs are not those of `{}`", kind.name));
+        return invalid(format!("the names of the inputs are not those of `{}`", kind.name));
     }
     let (mut inputs, mut wires) = (Vec::new(), Vec::new());
     for (PortSpec { name, arity, artifact, .. }, (_, values)) in kind.inputs.iter().zip(&file.inputs) {
@@ -91,14 +91,14 @@ fn wires(file: &ActionFile, kind: &KindEntry) -> Result<(Vec<Output>, Vec<Vec<Wi
             Arity::Many => true,
         };
         if !fits {
-            return invalid(format!("`{name}` has a wrong number of values: {}", values.len()));
+            return invalid(format!("the input `{name}` has a wrong number of values: {}", values.len()));
         }
         let first = inputs.len();
         for value in values {
             if (value.type_name.as_str(), value.format) != (artifact.name, artifact.format) {
                 let (theirs, ours) = ((&value.type_name, value.format), (artifact.name, artifact.format));
                 return invalid(format!(
-                    "a value of `{name}` is of type `{}` in format {}, not `{}` in format {}",
+                    "a value of the input `{name}` is of type `{}` in format {}, not `{}` in format {}",
                     theirs.0, theirs.1, ours.0, ours.1
                 ));
             }

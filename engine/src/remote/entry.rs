@@ -52,7 +52,7 @@ impl Entry {
         let wrong = |what: &str| Corrupt(what.to_owned());
         let mut from = Decoder::new(bytes);
         if from.raw()? != MAGIC.as_bytes() {
-            return Err(wrong("not an entry of this version of lightharmony"));
+            return Err(wrong("the data is not an entry of this version of lightharmony"));
         }
         let entry = Self {
             key: read_digest(&mut from)?,
@@ -63,12 +63,13 @@ impl Entry {
         if entry.key != *key {
             return Err(wrong("the entry belongs to another key"));
         }
-        let manifest = Record::manifest(&entry.record).ok_or_else(|| wrong("its record has no manifest"))?;
+        let manifest = Record::manifest(&entry.record)
+            .ok_or_else(|| wrong("the record in the entry has no manifest"))?;
         if Digest::of(manifest.as_bytes()) != *key {
-            return Err(wrong("its record belongs to another key"));
+            return Err(wrong("the record in the entry belongs to another key"));
         }
         if entry.lengths.len() != entry.blobs()?.len() {
-            return Err(wrong("the number of lengths is not the number of values"));
+            return Err(wrong("the number of lengths differs from the number of values"));
         }
         Ok(entry)
     }

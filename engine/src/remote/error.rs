@@ -44,7 +44,7 @@ pub enum ActionError {
     #[error("the action is not valid: {0}")]
     Invalid(String),
     /// A file of the action does not have the stated content.
-    #[error("`{}` does not have the digest {}", .path.display(), .digest.short())]
+    #[error("the content of `{}` does not match the digest {}", .path.display(), .digest.short())]
     Content {
         /// The file.
         path: PathBuf,
@@ -52,7 +52,7 @@ pub enum ActionError {
         digest: Digest,
     },
     /// The key that follows from the action is not the key that it states.
-    #[error("the action has the key {}, but states {}", .found.short(), .stated.short())]
+    #[error("the key of the content of the action is {}, but the action states the key {}", .found.short(), .stated.short())]
     Key {
         /// The key in the action.
         stated: Digest,
@@ -86,7 +86,7 @@ pub enum ActionError {
         why: String,
     },
     /// The outputs are not those of the action.
-    #[error("the outputs in `{}` are not used: {why}", .folder.display())]
+    #[error("the outputs in `{}` cannot be used: {why}", .folder.display())]
     Outputs {
         /// The folder of the outputs.
         folder: PathBuf,

@@ -68,7 +68,7 @@ pub(crate) fn read(folder: &Path, node: &Node, key: &Digest) -> Result<Outputs, 
     let inside = folder.join(VALUES);
     let found = listing(folder)?;
     if let Some(name) = found.keys().find(|name| ![ENTRY, VALUES].contains(&name.as_str())) {
-        return Err(refused(format!("`{name}` is not one of its files")));
+        return Err(refused(format!("the folder contains `{name}`, which is not a file of the outputs")));
     }
     let is_folder = |found: &Found| matches!(found, Found::Folder);
     if !found.get(VALUES).is_some_and(is_folder) {
@@ -79,7 +79,7 @@ pub(crate) fn read(folder: &Path, node: &Node, key: &Digest) -> Result<Outputs, 
             let path = folder.join(ENTRY);
             fs::read(&path).map_err(ActionError::io("read", &path))?
         }
-        Some(Found::File(_)) => return Err(refused(format!("`{ENTRY}` is too long"))),
+        Some(Found::File(_)) => return Err(refused(format!("the file `{ENTRY}` is too long"))),
         _ => return Err(refused(format!("`{ENTRY}` is not a file"))),
     };
     let entry = Entry::decode(&bytes, key).map_err(|error| refused(error.to_string()))?;
@@ -97,7 +97,9 @@ pub(crate) fn read(folder: &Path, node: &Node, key: &Digest) -> Result<Outputs, 
         match found.get(name) {
             Some(Found::File(found)) if found == length => {}
             Some(Found::File(found)) => {
-                return Err(refused(format!("`{VALUES}/{name}` has {found} bytes instead of {length}")));
+                return Err(refused(format!(
+                    "the length of `{VALUES}/{name}` is {found} bytes instead of {length}"
+                )));
             }
             _ => return Err(refused(format!("`{VALUES}/{name}` is not a file"))),
         }

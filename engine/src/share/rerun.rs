@@ -202,7 +202,7 @@ impl Recipe {
                             node.id
                         )
                     } else {
-                        format!("`{path}` is not the file that the picture was made from")
+                        format!("`{path}` is not the file from which the picture was made")
                     };
                     other.push(what);
                 }

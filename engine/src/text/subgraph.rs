@@ -121,7 +121,7 @@ fn use_of<'f, 't>(
 ) -> Result<Used<'f, 't>, Box<Diagnostic>> {
     let Some(field) = node.fields.iter().find(|field| field.name == FILE) else {
         let what = format!("`{SUBGRAPH}` needs `{FILE}`");
-        let how = "name the graph file, as in `graph: \"chair.ron\"`";
+        let how = "write the path of the graph file, such as `graph: \"chair.ron\"`";
         return Err(Diagnostic::of(Code::Missing, node.kind_span.clone(), what).label(how).into());
     };
     let Ok(path) = parse_value::<String>(field.text) else {
@@ -138,7 +138,7 @@ fn use_of<'f, 't>(
         match &around.used {
             Some((_, outer)) if depth <= DEEPEST => around = &scopes[*outer],
             Some(_) => {
-                let what = format!("subgraphs are nested more than {DEEPEST} deep");
+                let what = format!("subgraphs are nested more than {DEEPEST} levels deep");
                 return Err(Diagnostic::new(field.span.clone(), what).into());
             }
             None => return Ok(fill(node, file, document, depth)),
@@ -261,7 +261,7 @@ fn in_place_within<'t>(
         if out.len() > LONGEST {
             return Err(Diagnostic::new(
                 field.span.clone(),
-                "the field is too long after parameters are inserted",
+                "the text of the field is too long after the values of parameters are inserted",
             ));
         }
     }

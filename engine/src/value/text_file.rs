@@ -18,11 +18,11 @@ pub const MAX_GRAPH_BYTES: u64 = 64 << 20;
 pub fn read_text(path: &Path, limit: u64) -> Result<String> {
     let metadata = std::fs::metadata(path)?;
     if !metadata.is_file() {
-        let what = format!("it is {}, not a regular file", type_name(metadata.file_type()));
+        let what = format!("the path is {}, not a regular file", type_name(metadata.file_type()));
         return Err(Error::new(ErrorKind::InvalidInput, what));
     }
     let too_long = || {
-        let what = format!("it is longer than {} MiB, the limit for a graph file", limit >> 20);
+        let what = format!("the file is longer than {} MiB, the limit for a graph file", limit >> 20);
         Error::new(ErrorKind::FileTooLarge, what)
     };
     if metadata.len() > limit {

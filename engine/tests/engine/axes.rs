@@ -159,7 +159,7 @@ fn mistakes_of_axes_have_their_place() {
         (
             yaw,
             r#"a: Number(value: Axis("yaw")), g: Gather(input: "a", over: []), s: Add(terms: "g"),"#,
-            &["`over` names no axis", "connect the node itself"],
+            &["`over` names no axis", "connect the node directly, without a `Gather`"],
         ),
         (
             r#"file: List(["a/b", "a_b"])"#,
