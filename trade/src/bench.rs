@@ -148,7 +148,7 @@ impl<'e> Bench<'e> {
         if kept.is_empty() {
             return Err(Error::NoKnob(unjudged.join("`, `")));
         }
-        let unreached = |name: &String| format!("no knob affects `{name}`, so it is left out");
+        let unreached = |name: &String| format!("no knob affects `{name}`, so this picture is left out");
         let mut remarks: Vec<String> = layers.into_iter().chain(unjudged.iter().map(unreached)).collect();
         let outputs = kept;
         let targets = targets(&outputs);
@@ -376,10 +376,10 @@ impl<'e> Bench<'e> {
             let linear = |output: &Output, _: &Images| output.space == Space::Linear;
             let cut = |output: &Output, images: &Images| output.space == Space::Display && is_bright(images);
             let remarks = [
-                reported(&cut, "light far above white is judged as white in these pictures"),
+                reported(&cut, "in these pictures, light far above white is scored as white"),
                 reported(
                     &linear,
-                    "judged in linear light, with HDR-FLIP, since they are only written to OpenEXR files",
+                    "these pictures are scored in linear light, with HDR-FLIP, since they are written only to OpenEXR files",
                 ),
             ];
             remarks.into_iter().flatten().for_each(|text| self.remark(text));
@@ -403,7 +403,7 @@ impl<'e> Bench<'e> {
         let Some((truth, metric)) = self.truth.as_ref().zip(self.metric.clone()) else { return Ok(()) };
         let why =
             truth.uncomputed(&self.outputs, &metric).map_err(|error| Miss::Failed(error.to_string()))?;
-        let way_out = "with `--metric` or `--max-error`, use rmse, psnr, mae or relmse, which can be computed for every picture";
+        let way_out = "choose rmse, psnr, mae or relmse with `--metric` or `--max-error`; these can be computed for every picture";
         if let [Some(first), rest @ ..] = why.as_slice()
             && rest.iter().all(Option::is_some)
         {
@@ -414,8 +414,7 @@ impl<'e> Bench<'e> {
         for (output, why) in self.outputs.iter_mut().zip(why) {
             if let Some(why) = &why {
                 reported.push(format!(
-                    "`{}` is only written to OpenEXR files and therefore judged in linear light; {} cannot be computed for this picture \
-                     ({why}), so it is not included in the error",
+                    "`{}` is written only to OpenEXR files and is therefore scored in linear light; {} cannot be computed for this picture ({why}), so the picture is not included in the error",
                     output.name, metric.name
                 ));
             }
@@ -438,7 +437,7 @@ impl<'e> Bench<'e> {
                 truth.remove(at);
             }
             self.points.iter_mut().for_each(|point| point.off.retain(|row| row.output != name));
-            self.remark(format!("`{name}` {why}, so it is left out"));
+            self.remark(format!("`{name}` {why}, so this picture is left out"));
             self.unjudged.push(name);
         }
     }

@@ -72,8 +72,11 @@ impl SecretKey {
         let mut text = String::new();
         file.take(LONGEST).read_to_string(&mut text).map_err(TrustError::io("read", path))?;
         // The message must not contain the text.
-        let wrong =
-            || TrustError::Line { path: path.to_owned(), line: 1, why: "not a secret key".to_owned() };
+        let wrong = || TrustError::Line {
+            path: path.to_owned(),
+            line: 1,
+            why: "the line is not a secret key".to_owned(),
+        };
         let (word, rest) = text.trim_end().split_once(' ').ok_or_else(wrong)?;
         let (name, seed) = rest.split_once(':').ok_or_else(wrong)?;
         let seed: [u8; 32] =

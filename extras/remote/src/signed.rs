@@ -20,19 +20,19 @@ const PURPOSE: &[u8] = b"lightharmony-record-1";
 #[derive(Debug, thiserror::Error)]
 pub enum Distrust {
     /// The bytes are not a signed entry.
-    #[error("it is not signed")]
+    #[error("the entry is not signed")]
     Unsigned,
     /// The key that signed it is not in the list of trusted keys.
-    #[error("it is signed by the key {name}, which is not trusted; if you trust its owner, run `lightharmony key trust {0}`", name = .0.name())]
+    #[error("the entry is signed by the key {name}, which is not trusted; if you trust the owner of this key, run `lightharmony key trust {0}`", name = .0.name())]
     Unknown(PublicKey),
     /// The key that signed it was revoked.
-    #[error("it is signed by the key {}, which was revoked", .0.name())]
+    #[error("the entry is signed by the key {}, which was revoked", .0.name())]
     Revoked(PublicKey),
     /// The signature does not belong to the content.
-    #[error("its signature by the key {} is not valid", .0.name())]
+    #[error("the signature of the entry by the key {} is not valid", .0.name())]
     Forged(PublicKey),
     /// The entry is damaged, or belongs to another key, although it is signed.
-    #[error("it is damaged: {0}")]
+    #[error("the entry is damaged: {0}")]
     Damaged(#[from] Corrupt),
 }
 

@@ -32,9 +32,9 @@ const NO_COOKIE: Refused = Refused {
     why: "open the address that `lightharmony watch --serve` printed; it contains the token",
 };
 const NO_JSON: Refused =
-    Refused { status: StatusCode::UNSUPPORTED_MEDIA_TYPE, why: "a change is sent as application/json" };
+    Refused { status: StatusCode::UNSUPPORTED_MEDIA_TYPE, why: "a change must be sent as application/json" };
 const METHOD: Refused =
-    Refused { status: StatusCode::METHOD_NOT_ALLOWED, why: "only GET and POST are answered" };
+    Refused { status: StatusCode::METHOD_NOT_ALLOWED, why: "only the methods GET and POST are supported" };
 
 /// The secret of a server, and the addresses at which it answers.
 pub struct Door {

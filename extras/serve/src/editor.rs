@@ -147,7 +147,7 @@ impl Editor {
         let change = match value {
             Some(value) if value.len() > MAX_VALUE => {
                 return Err(fixed(format!(
-                    "a value has at most {MAX_VALUE} bytes; edit longer ones in the text"
+                    "the value is longer than {MAX_VALUE} bytes; edit it in the text"
                 )));
             }
             Some(value) => document.set(node, field, &steps, value)?,

@@ -8,14 +8,14 @@ use std::path::PathBuf;
 pub enum Error {
     /// The port is in use.
     #[error(
-        "the port {0} is in use by another program; choose another one with `--port`, or leave `--port` out"
+        "the port {0} is in use by another program; choose a different port with `--port`, or leave `--port` out"
     )]
     PortInUse(u16),
     /// No port can be opened.
     #[error("cannot listen on 127.0.0.1: {0}")]
     Listen(io::Error),
     /// The system gives no random numbers for the token.
-    #[error("the system gives no random numbers for the token of the page")]
+    #[error("the system does not provide random numbers for the token of the page")]
     Random,
     /// The graph cannot be read.
     #[error("cannot read the graph `{}`: {error}", path.display())]

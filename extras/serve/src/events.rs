@@ -51,7 +51,7 @@ struct Following {
 /// that it has missed, so nothing queues up for it.
 pub fn events(live: &Arc<Live>) -> Response {
     let Some(client) = Client::enter(live) else {
-        let why = format!("there are {MOST_CLIENTS} pages already; close one");
+        let why = format!("{MOST_CLIENTS} pages are open already; close one of them");
         return (StatusCode::SERVICE_UNAVAILABLE, why).into_response();
     };
     let (first, receiver) = live.subscribe();

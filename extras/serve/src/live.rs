@@ -229,7 +229,9 @@ impl Live {
     pub fn try_value(&self, edit: &Edit) -> Result<Value, Refused> {
         let (graph, tried) = (self.graph()?, self.is_tried(edit));
         let Edited { whole, .. } = lock(&self.editor).edited(&graph, edit, tried)?;
-        let whole = whole.ok_or_else(|| Refused::Fixed { why: "a value to try is needed".to_owned() })?;
+        let whole = whole.ok_or_else(|| Refused::Fixed {
+            why: "the request does not contain a value to try".to_owned(),
+        })?;
         lock(&self.tried).insert((edit.node.clone(), edit.field.clone()), whole);
         self.look();
         Ok(json!({"tried": true}))

@@ -34,7 +34,7 @@ impl Server {
     /// Uploads the blobs that the server does not have. Returns the number of bytes that were sent.
     pub fn upload(&self, blobs: &[Upload<'_>], cancel: &AtomicBool) -> Result<u64, CallError> {
         if let Some(blob) = blobs.iter().find(|blob| blob.bytes.len() as u64 > self.largest) {
-            let why = format!("the server takes at most {} bytes, not {}", self.largest, blob.bytes.len());
+            let why = format!("the server accepts at most {} bytes, not {}", self.largest, blob.bytes.len());
             return Err(CallError::Refused { what: "storing a value", why });
         }
         let missing = self.missing(blobs, cancel)?;
@@ -137,7 +137,7 @@ impl Server {
         if u64::try_from(committed) == Ok(size) {
             Ok(())
         } else {
-            Err(CallError::wrong(WHAT, format!("{committed} of {size} bytes were stored")))
+            Err(CallError::wrong(WHAT, format!("the server stored {committed} of {size} bytes")))
         }
     }
 
@@ -147,7 +147,8 @@ impl Server {
     /// [`CallError::NotFound`] if the server does not have the blob any more.
     pub fn download(&self, digest: &api::Digest, cancel: &AtomicBool) -> Result<Vec<u8>, CallError> {
         const WHAT: &str = "fetching a value";
-        let size = u64::try_from(digest.size_bytes).map_err(|_| CallError::wrong(WHAT, "a negative size"))?;
+        let size = u64::try_from(digest.size_bytes)
+            .map_err(|_| CallError::wrong(WHAT, "the size of the value is negative"))?;
         let bytes = if size == 0 {
             Vec::new()
         } else if size <= self.batch / 4 {
@@ -164,7 +165,10 @@ impl Server {
         if bytes.len() as u64 == size {
             Ok(bytes)
         } else {
-            Err(CallError::wrong(WHAT, format!("{} bytes instead of {size}", bytes.len())))
+            Err(CallError::wrong(
+                WHAT,
+                format!("the length of the value is {} bytes instead of {size}", bytes.len()),
+            ))
         }
     }
 
@@ -183,7 +187,7 @@ impl Server {
             ContentAddressableStorageClient::new(channel).max_decoding_message_size(LARGEST_MESSAGE);
         let answer = client.batch_read_blobs(request).await?.into_inner();
         let response = answer.responses.into_iter().next();
-        let response = response.ok_or_else(|| Status::new(Code::NotFound, "no blob in the answer"))?;
+        let response = response.ok_or_else(|| Status::new(Code::NotFound, "the answer contains no blob"))?;
         checked(response.status)?;
         Ok(response.data)
     }
@@ -206,7 +210,7 @@ impl Server {
         while let Some(piece) = pieces.message().await? {
             let mut bytes = bytes.lock().unwrap_or_else(PoisonError::into_inner);
             if (bytes.len() + piece.data.len()) as u64 > size {
-                return Err(Status::new(Code::OutOfRange, format!("more than {size} bytes")));
+                return Err(Status::new(Code::OutOfRange, format!("the value is longer than {size} bytes")));
             }
             bytes.extend_from_slice(&piece.data);
         }

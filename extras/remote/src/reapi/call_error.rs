@@ -12,7 +12,7 @@ pub enum CallError {
     #[error("not found")]
     NotFound,
     /// The server does not allow it.
-    #[error("{what} is refused: {why}")]
+    #[error("{what} was refused: {why}")]
     Refused {
         /// The call.
         what: &'static str,
@@ -28,7 +28,7 @@ pub enum CallError {
         why: String,
     },
     /// The answer contradicts the protocol.
-    #[error("{what} got an answer that contradicts the protocol: {why}")]
+    #[error("{what} failed, because the answer of the server violates the protocol: {why}")]
     Wrong {
         /// The call.
         what: &'static str,

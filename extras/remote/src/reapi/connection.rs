@@ -71,7 +71,10 @@ impl Connection {
                 let status = match outcome {
                     Ok(Ok(answer)) => return Ok(answer),
                     Ok(Err(status)) => status,
-                    Err(_) => Status::new(Code::DeadlineExceeded, format!("no answer in {limit:.1?}")),
+                    Err(_) => Status::new(
+                        Code::DeadlineExceeded,
+                        format!("the server did not answer within {limit:.1?}"),
+                    ),
                 };
                 if !is_passing(status.code()) || number + 1 >= self.retry.attempts {
                     return Err(CallError::of(what, &status));

@@ -42,7 +42,7 @@ impl Server {
         };
         let function = Function::of(&cache.digest_functions).ok_or_else(|| CallError::Refused {
             what: WHAT,
-            why: "the server knows neither BLAKE3 nor SHA-256".to_owned(),
+            why: "the server supports neither BLAKE3 nor SHA-256".to_owned(),
         })?;
         // 0 means no limit.
         let limit = |stated: i64, most: u64| match u64::try_from(stated) {

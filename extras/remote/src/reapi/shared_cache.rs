@@ -82,7 +82,7 @@ impl SharedCache {
         let state = Mutex::new(State { stores_nothing: refuses, ..State::default() });
         let cache = Self { server, trusted, publish_as, fallback, state };
         if refuses {
-            let why = "the server takes no results from clients".to_owned();
+            let why = "the server does not accept results from clients".to_owned();
             cache.stop_storing(&CallError::Refused { what: "storing results", why });
         }
         Ok(cache)
@@ -136,7 +136,10 @@ impl SharedCache {
         if !self.fallback {
             return Err(self.refusal(&why));
         }
-        self.remark("remote-lost", format!("{}: {why}; the run continues without it", self.address()));
+        self.remark(
+            "remote-lost",
+            format!("{}: {why}; the run continues without this server", self.address()),
+        );
         Ok(None)
     }
 
@@ -184,8 +187,10 @@ impl SharedCache {
                 Some(entry)
             }
             None => {
-                let text =
-                    format!("a result on {} is not used: a value of it is missing there", self.address());
+                let text = format!(
+                    "a result on {} is not used, because one of its values is missing there",
+                    self.address()
+                );
                 self.remark("remote-incomplete", text);
                 None
             }
@@ -238,7 +243,7 @@ impl SharedResults for SharedCache {
                 Ok(Some(bytes))
             }
             Ok(_) => {
-                let text = format!("a value on {} is damaged, and is computed here", self.address());
+                let text = format!("a value on {} is damaged, so it is computed here", self.address());
                 self.remark("remote-damaged", text);
                 self.state().places.remove(value);
                 Ok(None)
