@@ -1,9 +1,9 @@
-//! Errors of keys and of files that hold them.
+//! Errors in keys, and in files that contain keys.
 
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// An error of a key or of a file that holds keys.
+/// An error in a key, or in a file that contains keys.
 #[derive(Debug, thiserror::Error)]
 pub enum TrustError {
     /// A file cannot be read or written.
@@ -51,7 +51,7 @@ pub enum TrustError {
         "`{0}` was revoked, and a revoked key cannot be trusted again; make a new key with `lightharmony key new`"
     )]
     Revoked(String),
-    /// The operating system gives no random bytes.
+    /// The operating system does not provide random bytes.
     #[error("cannot get random bytes from the operating system: {0}")]
     Random(String),
 }

@@ -1,4 +1,4 @@
-//! Errors when the server starts.
+//! Errors that prevent the server from starting.
 
 use std::io;
 use std::path::PathBuf;
@@ -14,7 +14,7 @@ pub enum Error {
     /// No port can be opened.
     #[error("cannot listen on 127.0.0.1: {0}")]
     Listen(io::Error),
-    /// The system gives no random numbers for the token.
+    /// The system does not provide random numbers for the token.
     #[error("the system does not provide random numbers for the token of the page")]
     Random,
     /// The graph cannot be read.
@@ -25,7 +25,7 @@ pub enum Error {
         /// Error of the system.
         error: io::Error,
     },
-    /// The thread of the server cannot start.
+    /// The thread of the server cannot be started.
     #[error("cannot start the thread of the server: {0}")]
     Thread(io::Error),
 }

@@ -171,7 +171,7 @@ async fn step(State(live): Shared, body: Bytes, undo: bool) -> Response {
     answer(live, body, move |live, Seen { digest }| live.step(&digest, undo)).await
 }
 
-/// Header of a value, which never changes.
+/// Cache header of the responses that contain a value. A value never changes.
 const IMMUTABLE: (HeaderName, &str) = (header::CACHE_CONTROL, "private, max-age=31536000, immutable");
 
 const GONE: &str = "this value is no longer in the cache, or belongs to another graph";

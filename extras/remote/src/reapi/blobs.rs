@@ -1,4 +1,4 @@
-//! Blobs on a server: batches of small ones, streams of large ones.
+//! Blobs on a server. Small blobs are sent and fetched in batches, and large blobs as streams.
 
 use std::collections::BTreeSet;
 use std::sync::atomic::AtomicBool;
@@ -17,11 +17,11 @@ use super::server::Server;
 
 /// Size of the pieces of a stream, in bytes.
 const PIECE: usize = 256 << 10;
-/// Number of pieces that wait to be sent.
+/// Maximum number of pieces of a stream that wait to be sent.
 const WAITING: usize = 4;
-/// Maximum size of a received message: a batch with what surrounds it, in bytes.
+/// Maximum size of a received message in bytes. A message is a batch with its protocol fields.
 const LARGEST_MESSAGE: usize = 8 << 20;
-/// Maximum number of digests in one question, so that the question stays below the limits of servers.
+/// Maximum number of digests in one request, so that the request stays below the limits of servers.
 const MOST_DIGESTS: usize = 10_000;
 
 /// A blob to upload.
@@ -31,7 +31,7 @@ pub(crate) struct Upload<'b> {
 }
 
 impl Server {
-    /// Uploads the blobs that the server does not have. Returns the number of bytes that were sent.
+    /// Uploads those of the blobs that the server does not have. Returns the number of bytes that were sent.
     pub fn upload(&self, blobs: &[Upload<'_>], cancel: &AtomicBool) -> Result<u64, CallError> {
         if let Some(blob) = blobs.iter().find(|blob| blob.bytes.len() as u64 > self.largest) {
             let why = format!("the server accepts at most {} bytes, not {}", self.largest, blob.bytes.len());
@@ -62,7 +62,7 @@ impl Server {
         Ok(wanted.iter().map(|blob| blob.bytes.len() as u64).sum())
     }
 
-    /// The digests of the blobs that the server does not have.
+    /// The digests of those of the blobs that the server does not have.
     fn missing(&self, blobs: &[Upload<'_>], cancel: &AtomicBool) -> Result<BTreeSet<String>, CallError> {
         const WHAT: &str = "asking for missing values";
         let mut missing = BTreeSet::new();
@@ -141,7 +141,7 @@ impl Server {
         }
     }
 
-    /// Downloads a blob of the stated size, which may be any bytes of that size.
+    /// Downloads a blob. Only its size is checked, not its digest.
     ///
     /// # Errors
     /// [`CallError::NotFound`] if the server does not have the blob any more.
