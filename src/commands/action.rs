@@ -68,7 +68,7 @@ struct Take {
 }
 
 impl Action {
-    /// True if standard output is JSON.
+    /// True if the command prints JSON to standard output.
     pub fn prints_json(&self) -> bool {
         matches!(&self.verb, Verb::Run(run) if run.json)
     }
@@ -139,7 +139,7 @@ impl Take {
     }
 }
 
-/// The error of a node, with its advice.
+/// Text of an error, with the advice if the code of the node failed.
 fn described(error: &ActionError) -> String {
     match error {
         ActionError::Failed { error: inner, .. } => match inner.advice() {

@@ -1,4 +1,4 @@
-//! The outputs of an action in a folder: written by the worker, verified by whoever takes them.
+//! The outputs of an action in a folder. The worker writes them; the process that takes them verifies them.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -14,16 +14,16 @@ use crate::value::artifact::decode_with;
 
 /// Name of the file that holds the entry.
 pub(crate) const ENTRY: &str = "entry";
-/// Name of the folder of values.
+/// Name of the folder that holds the values.
 pub(crate) const VALUES: &str = "values";
 /// Maximum length of an entry in bytes: the maximum of a record in the store.
 pub(crate) const LONGEST_ENTRY: u64 = 16 << 20;
 
-/// Writes the values of a node and then its entry. `values` has the name and the bytes of each stored output, in
-/// order.
+/// Writes the values of a node and then its entry. `values` contains the name and the bytes of each stored output,
+/// in the order of the outputs.
 ///
 /// # Errors
-/// If the folder already exists, or if something cannot be written or does not read back as written.
+/// If the folder already exists, or if a file cannot be written or read back without a difference.
 pub(crate) fn write(
     folder: &Path,
     key: Digest,
@@ -54,15 +54,15 @@ pub(crate) struct Outputs {
     pub record: Record,
     /// The record with its manifest, as in the store.
     pub encoded: Vec<u8>,
-    /// The stored values. Their number and order are those of the stored outputs of the record.
+    /// Digest and bytes of each stored output in the record, in the same order.
     pub values: Vec<(Digest, Vec<u8>)>,
 }
 
-/// Reads the outputs of a node with this key. Every file must be a regular file with the stated name, length and
-/// digest, every value must be one that the kind can read, and nothing else may be in the folder.
+/// Reads and verifies the outputs of a node with the key `key`. Every file must be a regular file with the stated
+/// name, length and digest, every value must be decodable, and the folder must not contain anything else.
 ///
 /// # Errors
-/// The first file that does not fit.
+/// For the first file that does not meet these conditions.
 pub(crate) fn read(folder: &Path, node: &Node, key: &Digest) -> Result<Outputs, ActionError> {
     let refused = |why: String| ActionError::Outputs { folder: folder.to_owned(), why };
     let inside = folder.join(VALUES);

@@ -16,9 +16,9 @@ use crate::run::engine::Engine;
 use crate::value::root::staged_name;
 
 impl Engine {
-    /// Writes everything that the code of a node reads into the new folder `folder`, so that another process or
-    /// machine can compute the node; see [`run_action`](Self::run_action). The results of the nodes that it reads
-    /// must be known. Returns the key of the node.
+    /// Creates the action folder `folder`, which contains everything that the code of a node reads, so that another
+    /// process or machine can compute the node; see [`run_action`](Self::run_action). The results of its input
+    /// nodes must be known. Returns the key of the node.
     ///
     /// # Errors
     /// If an input is not known or its value is not available, if two source files would have the same path in the

@@ -1,4 +1,4 @@
-//! `key`: the keys that sign results, and those that are trusted.
+//! `key`: the user's signing key, and the list of trusted keys.
 
 use std::path::PathBuf;
 
@@ -81,7 +81,7 @@ impl Key {
     }
 }
 
-/// The key that is written out, or the trusted key with this name.
+/// The key that `text` stands for: a whole public key, or the name of a trusted key.
 fn named(trusted: &TrustedKeys, text: &str) -> Result<PublicKey, Error> {
     if text.contains(':') {
         return Ok(text.parse()?);

@@ -1,4 +1,4 @@
-//! The results that machines share, on a server.
+//! Connection to a server that holds shared results.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -15,7 +15,7 @@ use super::error::Error;
 /// Environment variable with the address of the server.
 const VARIABLE: &str = "LIGHTHARMONY_REMOTE";
 
-/// The server with results of others.
+/// Options for results that are shared through a server.
 #[derive(Debug, Clone, Args)]
 pub struct RemoteArgs {
     /// Server of the Remote Execution API whose results are used, such as grpc://127.0.0.1:8980; `none` for no
@@ -37,8 +37,8 @@ pub struct Remote {
 }
 
 impl RemoteArgs {
-    /// Connects the engine to the server, if there is one. If the server cannot be reached, the engine stays as it
-    /// is and an event with a warning is passed to `show`, unless this is not wanted.
+    /// Connects the engine to the server, if one is configured. If the server cannot be reached, the engine is
+    /// returned unchanged and a warning is passed to `show`; with `--no-remote-fallback`, this is an error.
     pub fn connect(
         &self,
         engine: Engine,
@@ -80,7 +80,7 @@ impl RemoteArgs {
 }
 
 impl Remote {
-    /// One line on what moved between this machine and the server; `None` if nothing did.
+    /// One line that summarises what was fetched from the server and stored there; `None` if nothing was.
     pub fn summary(&self) -> Option<String> {
         let Traffic { found, stored, values, bytes_down, bytes_up } = self.cache.traffic();
         if (found, stored) == (0, 0) {
@@ -93,7 +93,7 @@ impl Remote {
         ))
     }
 
-    /// The same for programs.
+    /// The summary as JSON.
     pub fn json(&self) -> Value {
         let Traffic { found, stored, values, bytes_down, bytes_up } = self.cache.traffic();
         json!({
