@@ -197,7 +197,7 @@ fn ports(text: &mut String, title: &str, ports: &[PortSpec], width: usize) {
         let many = match port.arity {
             Arity::One => "",
             Arity::Optional => ", optional",
-            Arity::Many => ", one or a list",
+            Arity::Many => ", one wire or a list of wires",
         };
         let line = format!("{}{many}: {}", port.artifact.name, paragraphs(port.doc).join(" "));
         text.push_str(&wrapped(&line, &format!("  {:<20} ", port.name), COLUMN, width));
@@ -238,7 +238,7 @@ fn markdown(kind: &KindEntry) -> String {
         let many = match port.arity {
             Arity::One => "",
             Arity::Optional => " (optional)",
-            Arity::Many => " (one or a list)",
+            Arity::Many => "(one wire or a list of wires)",
         };
         let doc = paragraphs(port.doc).join(" ");
         text.push_str(&format!(

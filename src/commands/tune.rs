@@ -79,7 +79,7 @@ impl Tune {
             let how = if limit.is_none() { "; `--time` and `--budget` limit the search" } else { "" };
             let (most, first) = (self.budget, outlook_text(&first));
             shown.line(&format!(
-                "number of settings to measure: at most {most}, beginning with the preset `reference`: {first}{how}"
+                "measuring begins with the preset `reference` ({first}); number of settings: at most {most}{how}"
             ));
             bench.observe(shown.observer());
         }

@@ -353,7 +353,7 @@ pub fn outputs(graph: &Graph, asked: &[usize]) -> (Vec<Output>, Vec<String>) {
         wires.sort_unstable();
         wires.dedup();
     } else if !layers.is_empty() {
-        reported.push("layers of an EXR file are not judged if there are other pictures".to_owned());
+        reported.push("layers of an EXR file are not scored, since there are other pictures".to_owned());
     }
     let output = |wire: Wire| {
         let node = &graph.nodes[wire.node];

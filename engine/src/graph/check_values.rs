@@ -178,7 +178,9 @@ fn check_sink_path(path: &str, axes: &[Axis<'_>]) -> Result<(), &'static str> {
         plain = with_value(&plain, axis.name, |_| String::new());
     }
     if plain.contains(['{', '}']) {
-        return Err("the only placeholders are `{view}`, the name of the view, and the names of axes");
+        return Err(
+            "a placeholder must be `{view}`, which stands for the name of the view, or the name of an axis",
+        );
     }
     // These characters have other meanings on other systems.
     if plain.contains(['\\', ':']) || path.chars().any(char::is_control) {

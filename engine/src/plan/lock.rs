@@ -124,7 +124,7 @@ impl Lock {
             match self.kinds.get(kind) {
                 None => found.before.push(format!("the lock does not list the kind `{kind}`")),
                 Some(known) if *known != (*version, profile.clone()) => found.before.push(format!(
-                    "`{kind}` is version {version} ({profile}), but the lock has version {} ({})",
+                    "`{kind}` has version {version} ({profile}), but the lock has version {} ({})",
                     known.0, known.1
                 )),
                 _ => {}

@@ -217,4 +217,4 @@ impl Recipe {
 }
 
 /// Text appended to an error message if there were too many files to inspect.
-const CUT: &str = "(the folders of `--inputs` contain too many files to search; name smaller folders)";
+const CUT: &str = "(the folders of `--inputs` contain too many files to search; choose smaller folders)";

@@ -159,7 +159,8 @@ fn fill<'f, 't>(node: &RawNode<'t>, file: &'t str, document: &'f Document<'t>, d
             let what = format!("`{}` has no parameter `{}`", shown(file), shown(field.name));
             let list: Vec<&str> = known().collect();
             let hint = if list.is_empty() {
-                "it has no parameters; declare them next to `nodes`: `parameters: (yaw_deg: 0.0)`".to_owned()
+                "this subgraph has no parameters; declare them next to `nodes`: `parameters: (yaw_deg: 0.0)`"
+                    .to_owned()
             } else {
                 format!("its parameters are {}", list.join(", "))
             };

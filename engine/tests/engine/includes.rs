@@ -287,7 +287,7 @@ fn a_field_of_a_block_and_a_node_of_one_name_is_ambiguous() {
         assert!(
             mistakes.contains("the block `parameters` and the node `parameters` both have a field `value`")
                 && mistakes.contains("write `nodes.parameters.value` for the field of the node")
-                && mistakes.contains("or `graph.parameters.value` for that of the block"),
+                && mistakes.contains("or `graph.parameters.value` for the field of the block"),
             "{mistakes}"
         );
         lab.run_text(&set("graph.parameters.value=3"));

@@ -25,15 +25,17 @@ const fn forbidden(why: &'static str) -> Refused {
     Refused { status: StatusCode::FORBIDDEN, why }
 }
 
-const HOST_UNKNOWN: Refused = forbidden("this server answers only at its own local address");
+const HOST_UNKNOWN: Refused = forbidden("this server answers only requests to its own local address");
 const OTHER_ORIGIN: Refused = forbidden("requests from other sites are refused");
-const NO_HEADER: Refused = forbidden("a change needs the header `X-Lightharmony: 1`");
+const NO_HEADER: Refused = forbidden("a request that makes a change needs the header `X-Lightharmony: 1`");
 const NO_COOKIE: Refused = Refused {
     status: StatusCode::UNAUTHORIZED,
     why: "open the address that `lightharmony watch --serve` printed; it contains the token",
 };
-const NO_JSON: Refused =
-    Refused { status: StatusCode::UNSUPPORTED_MEDIA_TYPE, why: "a change must be sent as application/json" };
+const NO_JSON: Refused = Refused {
+    status: StatusCode::UNSUPPORTED_MEDIA_TYPE,
+    why: "a request that makes a change must have the content type application/json",
+};
 const METHOD: Refused =
     Refused { status: StatusCode::METHOD_NOT_ALLOWED, why: "only the methods GET and POST are supported" };
 

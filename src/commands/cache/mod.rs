@@ -142,7 +142,7 @@ fn check(store: &Store, repair: bool) -> Result<u8, Error> {
         (true, _) => "nothing is damaged\n",
         (false, true) => "the damaged results were moved aside; the next run that needs them recomputes them\n",
         (false, false) => {
-            "a run that needs a damaged result recomputes it; `lightharmony cache repair` moves all of them aside now\n"
+            "a run that needs a damaged result recomputes it; `lightharmony cache repair` moves all damaged results aside now\n"
         }
     });
     print(&text)?;

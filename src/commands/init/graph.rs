@@ -279,7 +279,7 @@ fn light(o: &mut Lines, s: &Survey) {
         }
         Sky::Unknown(share) => {
             o.line(&format!(
-                "        // {} of the upper half of `pano` shows nothing, so the light is UNKNOWN and the object may be dark. To light it:",
+                "        // {} of the upper half of `pano` shows nothing, so the light is UNKNOWN and the object may be dark. To light it, write",
                 percent(share)
             ));
             o.line("        // env: LoadEnvironment(path: \"sky.hdr\"), in place of the line below.");

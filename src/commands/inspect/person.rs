@@ -83,9 +83,9 @@ impl Lines {
         let up = level.axis().map_or_else(|| format!("({x:.4}, {y:.4}, {z:.4})"), str::to_owned);
         let sure = if level.is_sure() { "sure" } else { "not sure" };
         self.line("up, measured", format!("{up}, {sure} (confidence {:.2})", level.confidence));
-        let ceiling = level
-            .ceiling
-            .map_or_else(String::new, |c| format!(", ceiling {} above it", ruler.length(c - level.floor)));
+        let ceiling = level.ceiling.map_or_else(String::new, |c| {
+            format!(", ceiling {} above the floor", ruler.length(c - level.floor))
+        });
         let sure = if level.is_floor_sure() { "sure" } else { "not sure" };
         self.line(
             "floor",

@@ -25,8 +25,7 @@ pub fn texts(graph: &Graph, pair: &Pair, found: &Comparison) -> Vec<pair::Findin
                 ),
                 None => format!(
                     "the agreement of the depths of the splats `{splats}` and the mesh `{mesh}` is {percent:.0} %, measured \
-                     at {} points in the views and around the object; no combination of scale, rotation, reflection \
-                     and shift of the mesh was found that makes them agree: check that both show the same place, or \
+                     at {} points in the views and around the object. No combination of scale, rotation, reflection and shift of the mesh was found that makes the depths agree: check that the splats and the mesh show the same place, or \
                      use `ExtractMesh` instead of the mesh",
                     found.points
                 ),

@@ -88,7 +88,7 @@ impl Remote {
         }
         let (down, up) = (bytes_text(bytes_down), bytes_text(bytes_up));
         Some(format!(
-            "{}: results found there: {found}, values fetched: {values} ({down}), results stored: {stored} ({up})",
+            "shared results on {} (found: {found}, stored: {stored}; values fetched: {values}; received: {down}, sent: {up})",
             self.address
         ))
     }

@@ -103,7 +103,7 @@ impl<'a> Run<'a> {
             };
             let (needs, budget) = (bytes_text(bytes), bytes_text(budget));
             return Err(NodeError::new(format!(
-                "needs about {needs} of memory{inputs}, but the budget is {budget}"
+                "the node needs about {needs} of memory{inputs}, but the budget is {budget}"
             ))
             .hint("reduce the resolution or the number of views, or raise `--memory`"));
         }

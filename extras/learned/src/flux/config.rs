@@ -140,7 +140,7 @@ impl Config {
             || config.axes.iter().any(|axis| axis % 2 != 0)
         {
             return Err(source.wrong(format!(
-                "the attention heads of the model have {head} channels, but the RoPE axes are {:?}; these must be even numbers that add up to the number of channels. Put the `config.json` of the model, which lists the correct axes, next to the file",
+                "the attention heads of the model have {head} channels, but the RoPE axes are {:?}; these must be even numbers that add up to the number of channels. Put the `config.json` of the model, which lists the correct axes, next to the weights file",
                 config.axes
             )));
         }
