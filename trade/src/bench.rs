@@ -83,7 +83,7 @@ pub struct Bench<'e> {
     targets: Vec<usize>,
     /// The knobs of the graph, and other fields that are set by the graph's own presets.
     pub tunables: Vec<Tunable>,
-    /// Names of the pictures that are not judged.
+    /// Names of the pictures that are not scored.
     pub unjudged: Vec<String>,
     /// Remarks for the user, for example about pictures that are left out.
     pub remarks: Vec<String>,
@@ -214,7 +214,7 @@ impl<'e> Bench<'e> {
     /// Leaves out pictures whose size is set by a knob. To find them, the preset `reference` is compared with
     /// `draft`, the preset farthest from it. Afterwards, all measured points are discarded. Both presets are
     /// measured again later, and failures are reported then. This function must be called before a search.
-    /// Otherwise, the search would lower knobs that affect only pictures that are not judged, since this increases
+    /// Otherwise, the search would lower knobs that affect only pictures that are not scored, since this increases
     /// no measured error.
     pub fn leave_out_resized(&mut self) -> Result<(), Error> {
         if self.outputs.len() < 2 {
@@ -357,8 +357,8 @@ impl<'e> Bench<'e> {
     }
 
     /// Computes the errors of pictures relative to the reference. The pictures of the first call become the
-    /// reference. Pictures whose size is set by a knob are not judged. If there are colour pictures, pictures with
-    /// data other than colours, such as depth, are not judged either, since other metrics apply to them.
+    /// reference. Pictures whose size is set by a knob are not scored. If there are colour pictures, pictures with
+    /// data other than colours, such as depth, are not scored either, since other metrics apply to them.
     fn off(&mut self, graph: &Graph, pictures: &mut Vec<Arc<Images>>) -> Result<Vec<Off>, Miss> {
         if self.truth.is_none() {
             let data: Vec<bool> = pictures.iter().map(|images| holds_data(images)).collect();
@@ -448,7 +448,7 @@ impl<'e> Bench<'e> {
         &self.remarks[reported..]
     }
 
-    /// The pictures to judge, as computed by the last run of `graph`.
+    /// The pictures to score, as computed by the last run of `graph`.
     fn pictures(&self, graph: &Graph) -> Result<Vec<Arc<Images>>, Miss> {
         let value = |output: &Output| {
             let images = self.engine.value::<Images>(graph, output.wire).map(Arc::new);
