@@ -19,7 +19,7 @@
 //! | `POST /set` `{digest, node, field, at, value}` | writes a value into the text |
 //! | `POST /try`, same body or `null` | uses a value for the next runs without writing it, or ends that |
 //! | `POST /plan`, same body | the nodes that would run, and the forecast of their time |
-//! | `POST /undo`, `/redo` `{digest}` | undoes the last change of the text, or repeats it |
+//! | `POST /undo`, `/redo` `{digest}` | undoes the last change of the text, or redoes the change that was undone last |
 //!
 //! # Security
 //! Other web sites and other local servers can send requests to this server through the user's browser. The server
