@@ -124,7 +124,7 @@ fn mirrored(by: &Similarity) -> String {
     };
     let all = [rows.x_axis, rows.y_axis, rows.z_axis].map(coordinate);
     let mut parts = vec![match all {
-        [Some(x), Some(y), Some(z)] => format!("mirrored, so that (x, y, z) becomes ({x}, {y}, {z})"),
+        [Some(x), Some(y), Some(z)] => format!("mirrored ((x, y, z) becomes ({x}, {y}, {z}))"),
         _ => "mirrored".to_owned(),
     }];
     if (by.scale - 1.0).abs() > 1e-9 {
@@ -208,7 +208,7 @@ mod tests {
         // x becomes -y, y becomes z, z becomes x.
         let rotation = glam::DMat3::from_cols(DVec3::Z, DVec3::NEG_X, DVec3::Y);
         let by = Similarity { rotation, scale: 0.01, offset: DVec3::ZERO };
-        assert_eq!(mirrored(&by), "mirrored, that is (x, y, z) replaced by (-y, z, x) and scaled by 0.01");
+        assert_eq!(mirrored(&by), "mirrored ((x, y, z) becomes (-y, z, x)) and scaled by 0.01");
     }
 
     #[test]
