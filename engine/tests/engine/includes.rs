@@ -344,8 +344,11 @@ fn files_without_an_end_and_pipes_are_refused_and_named() {
     assert!(std::process::Command::new("mkfifo").arg(lab.path("pipe")).status().unwrap().success());
     // Sparse: a reader that took it whole would need 8 GiB.
     std::fs::File::create(lab.path("big.ron")).unwrap().set_len(8 << 30).unwrap();
-    let cases =
-        [("pipe", "it is a pipe"), ("/dev/zero", "it is a device"), ("big.ron", "longer than 64 MiB")];
+    let cases = [
+        ("pipe", "the path is a pipe"),
+        ("/dev/zero", "the path is a device"),
+        ("big.ron", "longer than 64 MiB"),
+    ];
     for (name, why) in cases {
         let include = with(&format!("[\"{name}\"]"), "a: Number(),");
         let subgraph = graph_text(&format!("a: Subgraph(graph: \"{name}\"),"));
