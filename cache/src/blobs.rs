@@ -262,7 +262,8 @@ impl Disk {
                 log.drop_entry(KIND, digest);
                 report(Incident {
                     digest: Some(*digest),
-                    what: "its entry in the log of small blobs does not match the digest; removed".to_owned(),
+                    what: "the entry in the log of small blobs does not match the digest and was removed"
+                        .to_owned(),
                 });
                 Ok(None)
             }

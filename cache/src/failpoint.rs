@@ -84,11 +84,11 @@ pub(crate) const INDEX: FilePoints = file_points!("index");
 /// The places in the writing of a file for the user.
 pub(crate) const PUBLISH: FilePoints = file_points!("publish");
 
-/// The place after the folder of a published file was synced.
+/// The point just after the folder of a published file has been synced.
 pub(crate) const PUBLISH_SYNCED: &str = "publish.folder-synced";
 
 pub(crate) const APPEND_BEFORE: &str = "append.before";
-/// The place at which half of the bytes of an entry have been appended.
+/// The point at which half of the bytes of an entry have been appended.
 pub(crate) const APPEND_MIDDLE: &str = "append.middle";
 pub(crate) const APPEND_AFTER: &str = "append.after";
 pub(crate) const FLUSH_BEFORE: &str = "flush.before";
@@ -97,10 +97,11 @@ pub(crate) const QUARANTINE_BEFORE: &str = "quarantine.before";
 pub(crate) const QUARANTINE_AFTER: &str = "quarantine.after";
 pub(crate) const LEASE_ACQUIRED: &str = "lease.acquired";
 pub(crate) const LEASE_UNLINKED: &str = "lease.unlinked";
-/// The place in a collection after all records to be removed are removed, and before the first blob is removed.
+/// The point in a garbage collection after all records to be removed have been removed, and before the first blob
+/// is removed.
 pub(crate) const GC_RECORDS_GONE: &str = "gc.records-gone";
-/// The place in a collection after a blob that was stored as a separate file is removed. It is reached once per
-/// such blob.
+/// The point in a garbage collection just after a blob stored as a separate file has been removed. It is reached
+/// once for each such blob.
 pub(crate) const GC_BLOB_GONE: &str = "gc.blob-gone";
 
 /// Does nothing: failpoints are disabled.

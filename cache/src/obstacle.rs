@@ -26,7 +26,7 @@ pub(crate) fn clear_all(root: &Path) -> Vec<Incident> {
     let quarantine = root.join(QUARANTINE);
     let mut found = Vec::new();
     if is_obstacle(&quarantine, fs::Metadata::is_dir) && fs::remove_file(&quarantine).is_ok() {
-        let what = format!("{} is not a folder; removed", quarantine.display());
+        let what = format!("{} was not a folder and was removed", quarantine.display());
         found.push(Incident { digest: None, what });
     }
     found.extend(FOLDERS.iter().filter_map(|name| clear(root, &root.join(name), Expected::Folder)));
@@ -52,7 +52,7 @@ pub(crate) fn clear(root: &Path, path: &Path, expected: Expected) -> Option<Inci
         return None;
     }
     let outcome = quarantine(root, path).ok()?;
-    Some(Incident { digest: None, what: format!("{} is not a {name}; {outcome}", path.display()) })
+    Some(Incident { digest: None, what: format!("{} is not a {name} and was {outcome}", path.display()) })
 }
 
 /// If there is a folder at `path`, moves it to the quarantine of `root`, because no file can be renamed to the path

@@ -64,7 +64,7 @@ impl Store {
     pub fn open(folder: &Path, options: Options) -> Result<Store> {
         let reading = |why: String| Store::open_as(folder, options.fsync, Some(why));
         if options.read_only {
-            return reading("it was opened as read-only".to_owned());
+            return reading("the cache was opened as read-only".to_owned());
         }
         match Store::open_as(folder, options.fsync, None) {
             // Stored results can still be read.

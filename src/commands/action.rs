@@ -18,11 +18,11 @@ pub struct Action {
 
 #[derive(Debug, Subcommand)]
 enum Verb {
-    /// Write everything that a node reads into a new folder
+    /// Create a folder with everything that a node reads
     Write(Write),
-    /// Compute the node of such a folder and write its outputs; needs no graph and no cache
+    /// Compute the node from such a folder and write its outputs; needs no graph and no cache
     Run(Run),
-    /// Verify the outputs and add them to the cache
+    /// Verify the outputs of a computed node and add them to the cache
     Take(Take),
 }
 
@@ -32,7 +32,7 @@ struct Write {
     graph: GraphArgs,
     /// Name of the node; the nodes that it reads are computed first if necessary
     node: String,
-    /// The new folder
+    /// The folder to create
     folder: PathBuf,
     #[command(flatten)]
     engine: EngineArgs,
@@ -42,16 +42,16 @@ struct Write {
 struct Run {
     /// The folder of the action
     folder: PathBuf,
-    /// The new folder of the outputs
+    /// The folder to create for the outputs
     #[arg(long, default_value = "out", value_name = "DIR")]
     out: PathBuf,
-    /// Number of threads; 0, the default, is one per core
+    /// Number of threads; 0 (the default) means one per core
     #[arg(long, short, value_name = "N", value_parser = clap::value_parser!(u16).range(..=1024))]
     jobs: Option<u16>,
-    /// Memory for the node and its inputs, such as 4G; 0, the default, is three quarters of the free memory
+    /// Memory for the node and its inputs, such as 4G; 0 (the default) means three quarters of the free memory
     #[arg(long, value_name = "SIZE")]
     memory: Option<String>,
-    /// One JSON object per line on standard error
+    /// Print one JSON object per line on standard output
     #[arg(long)]
     json: bool,
 }
@@ -68,7 +68,7 @@ struct Take {
 }
 
 impl Action {
-    /// True if standard output is JSON.
+    /// True if the command prints JSON to standard output.
     pub fn prints_json(&self) -> bool {
         matches!(&self.verb, Verb::Run(run) if run.json)
     }
@@ -107,7 +107,7 @@ impl Write {
 impl Run {
     fn run(self) -> Result<u8, Error> {
         let memory = self.memory.as_deref().map_or(Ok(0), crate::session::size)?;
-        let store = Store::unavailable("an action uses no cache".to_owned());
+        let store = Store::unavailable("an action does not use a cache".to_owned());
         let engine = Engine::new(store, self.jobs.map_or(0, usize::from), memory);
         let cancel = on_interrupt()?;
         let mut report = if self.json { Report::json() } else { Report::lines(false) };
@@ -139,7 +139,7 @@ impl Take {
     }
 }
 
-/// The error of a node, with its advice.
+/// Text of an error, with the advice if the code of the node failed.
 fn described(error: &ActionError) -> String {
     match error {
         ActionError::Failed { error: inner, .. } => match inner.advice() {

@@ -49,7 +49,7 @@ fn pixels(path: &Path) -> Result<Arc<Images>, String> {
     // Two pictures are in memory at once.
     splats::check_memory(path, engine::default_memory() / 2).map_err(|error| error.message().to_owned())?;
     let whole = path.canonicalize().map_err(|error| error.to_string())?;
-    let file = InputFile(whole.to_str().ok_or("its path is not UTF-8")?.to_owned());
+    let file = InputFile(whole.to_str().ok_or("the path is not UTF-8")?.to_owned());
     let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false };
     let encoding = FileEncoding::Auto;
     let (more, layer, names) = (Vec::new(), String::new(), vec!["picture".to_owned()]);
@@ -145,7 +145,7 @@ impl Lines {
 
     fn end(&mut self) {
         if let Some(more @ 1..) = self.count.checked_sub(Self::MOST) {
-            self.text.push_str(&format!("      .. and {more} more lines of `{}`\n", self.node));
+            self.text.push_str(&format!("      .. further lines about `{}`: {more}\n", self.node));
         }
     }
 
@@ -266,7 +266,7 @@ impl Diff {
         }
         let mut text = lines.finish();
         text.push_str(&match (came.compared, came.unequal.len()) {
-            (0, _) => "no node has a known result on both sides; run both first\n".to_owned(),
+            (0, _) => "no node has a known result on both sides; run both graphs first\n".to_owned(),
             (n, 0) => format!("results compared: {n}, all equal\n"),
             (n, unequal) => format!("results compared: {n}, different: {unequal}\n"),
         });
@@ -274,7 +274,7 @@ impl Diff {
             if !unknown.is_empty() && came.compared > 0 {
                 let names = cut(&unknown.join(", "));
                 text.push_str(&format!(
-                    "no result is known for these nodes of the {side} graph: {names}; run the graph first\n"
+                    "no result is known for these nodes of the {side} graph: {names}; run this graph first\n"
                 ));
             }
         }

@@ -18,7 +18,7 @@ pub struct Explain {
     /// Also print everything that the node's key consists of
     #[arg(long)]
     key: bool,
-    /// One JSON object on standard output
+    /// Print one JSON object on standard output
     #[arg(long)]
     pub json: bool,
     #[command(flatten)]
@@ -65,7 +65,7 @@ impl Explain {
             let memory = bytes_text(last.memory);
             let counts = counts_text(&last.counts);
             text.push_str(&format!(
-                "\nthe last run of the node took {seconds} ({cpu} of CPU time), with an estimated memory of {memory}{counts}\n"
+                "\nthe last run of the node took {seconds} ({cpu} of CPU time) and an estimated {memory} of memory{counts}\n"
             ));
         }
         if let Some(seconds) = node.forecast {

@@ -18,7 +18,7 @@ use crate::terminal;
 pub struct Knobs {
     #[command(flatten)]
     graph: GraphArgs,
-    /// One JSON object on standard output
+    /// Print one JSON object on standard output
     #[arg(long)]
     pub json: bool,
 }

@@ -14,7 +14,7 @@ use crate::terminal::{self, paragraphs, wrapped};
 pub struct Nodes {
     /// Name of a kind, such as `splat-render` or `SplatRender`, or a word to search for
     kind: Option<String>,
-    /// The whole reference as Markdown
+    /// Print the whole reference as Markdown
     #[arg(long)]
     markdown: bool,
 }
@@ -116,10 +116,12 @@ fn found(registry: &Registry, word: &str, width: usize) -> Result<String, Error>
     if kinds.is_empty() {
         let near = engine::nearest(word, registry.iter().map(|kind| kind.name));
         let hint = near.map(|near| format!(", did you mean `{near}`?")).unwrap_or_default();
-        return Err(Error::usage(format!("no kind is named `{word}` or mentions it{hint}")));
+        return Err(Error::usage(format!("no kind is named `{word}` or mentions this word{hint}")));
     }
     let mut text = String::new();
-    for (title, ranks) in [("kinds", 0..2), ("kinds with a port or a parameter of that name", 2..3)] {
+    for (title, ranks) in
+        [("kinds", 0..2), ("kinds that have a port or a parameter with a matching name", 2..3)]
+    {
         let kinds: Vec<_> = kinds.iter().filter(|(rank, _)| ranks.contains(rank)).collect();
         if !kinds.is_empty() {
             text.push_str(&format!("{title}\n"));
@@ -195,7 +197,7 @@ fn ports(text: &mut String, title: &str, ports: &[PortSpec], width: usize) {
         let many = match port.arity {
             Arity::One => "",
             Arity::Optional => ", optional",
-            Arity::Many => ", one or a list",
+            Arity::Many => ", one wire or a list of wires",
         };
         let line = format!("{}{many}: {}", port.artifact.name, paragraphs(port.doc).join(" "));
         text.push_str(&wrapped(&line, &format!("  {:<20} ", port.name), COLUMN, width));
@@ -236,7 +238,7 @@ fn markdown(kind: &KindEntry) -> String {
         let many = match port.arity {
             Arity::One => "",
             Arity::Optional => " (optional)",
-            Arity::Many => " (one or a list)",
+            Arity::Many => "(one wire or a list of wires)",
         };
         let doc = paragraphs(port.doc).join(" ");
         text.push_str(&format!(

@@ -49,13 +49,18 @@ impl Pick {
         if !matches!(code, 0 | 3) {
             return Ok(code);
         }
-        let gone = || Error::usage(format!("the inputs of `{}` are not in the cache; run again", self.view));
+        let gone = || {
+            Error::usage(format!(
+                "the inputs of `{}` are no longer in the cache; repeat the command to recompute them",
+                self.view
+            ))
+        };
         let cameras = engine.value::<Rig>(graph, rig).ok_or_else(gone)?.cameras;
         let is_named = |name: &str| self.camera.as_ref().is_none_or(|wanted| wanted == name);
         let Some(camera) = cameras.iter().find(|camera| is_named(&camera.name)) else {
             let names: Vec<&str> = cameras.iter().map(|camera| camera.name.as_str()).collect();
             return Err(Error::usage(format!(
-                "`{}` has no camera of that name; it has {}",
+                "`{}` has no camera with the name in `--camera`; its cameras are {}",
                 self.view,
                 names.join(", ")
             )));
@@ -89,7 +94,9 @@ impl Pick {
 fn pixel(text: &str) -> Result<[f64; 2], Error> {
     let number = |text: &str| text.trim().parse::<f64>().ok().filter(|number| number.is_finite());
     let both = text.split_once(',').and_then(|(x, y)| Some([number(x)?, number(y)?]));
-    both.ok_or_else(|| Error::usage(format!("`{text}` is not a pixel; write X,Y, such as 480,300")))
+    both.ok_or_else(|| {
+        Error::usage(format!("`{text}` is not the position of a pixel; write X,Y, such as 480,300"))
+    })
 }
 
 /// The cameras of a view, and the splats or the receiver that it shows.
@@ -99,7 +106,9 @@ fn inputs(graph: &Graph, node: usize) -> Result<(Wire, Wire, Scene), Error> {
     let scene = shown("splats", Scene::Splats).or_else(|| shown("receiver", Scene::Mesh));
     first("rig").zip(scene).map(|(rig, (wire, scene))| (rig, wire, scene)).ok_or_else(|| {
         let id = &graph.nodes[node].id;
-        Error::usage(format!("`{id}` is not a view of the scene; name a `splat-render` or a `path-trace`"))
+        Error::usage(format!(
+            "`{id}` is not a view of the scene; name a node of the kind `splat-render` or `path-trace`"
+        ))
     })
 }
 

@@ -16,7 +16,7 @@ pub struct Plan {
     /// Also print nodes with a known result, and the time and estimated memory of each node in its last run
     #[arg(long, short)]
     verbose: bool,
-    /// One JSON object per line on standard output: one for each wanted node, then one with the totals
+    /// Print one JSON object per line on standard output: one for each wanted node, then one with the totals
     #[arg(long)]
     pub json: bool,
     #[command(flatten)]

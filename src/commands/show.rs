@@ -53,7 +53,12 @@ impl Show {
         if !matches!(code, 0 | 3) {
             return Ok(code);
         }
-        let gone = || Error::usage(format!("the value of `{}` is not in the cache; run again", self.node));
+        let gone = || {
+            Error::usage(format!(
+                "the value of `{}` is no longer in the cache; repeat the command to recompute it",
+                self.node
+            ))
+        };
         let (bytes, lines) = if sheet::is_picture(graph, wire) {
             let views = sheet::pictures(&engine, graph, wire).ok_or_else(gone)?;
             let (raster, ranges) = sheet::sheet(&views, self.exposure);
@@ -103,7 +108,7 @@ fn output(graph: &Graph, name: &str) -> Result<Wire, Error> {
         let unknown = || {
             let known: Vec<&str> = outputs.iter().map(|port| port.name).collect();
             let node = &graph.nodes[node].id;
-            Error::usage(format!("`{node}` has no output `{output}`; it has {}", known.join(", ")))
+            Error::usage(format!("`{node}` has no output `{output}`; its outputs are {}", known.join(", ")))
         };
         let port = outputs.iter().position(|port| port.name == output).ok_or_else(unknown)?;
         return Ok(Wire { node, port });

@@ -52,7 +52,7 @@ pub struct Tune {
     /// The overlay to write
     #[arg(long, short, value_name = "FILE", default_value = "tuned.ron")]
     out: PathBuf,
-    /// One JSON object on standard output
+    /// Print one JSON object on standard output
     #[arg(long)]
     pub json: bool,
 }
@@ -79,7 +79,7 @@ impl Tune {
             let how = if limit.is_none() { "; `--time` and `--budget` limit the search" } else { "" };
             let (most, first) = (self.budget, outlook_text(&first));
             shown.line(&format!(
-                "measures at most {most} settings, beginning with the preset `reference`: {first}{how}"
+                "measuring begins with the preset `reference` ({first}); number of settings: at most {most}{how}"
             ));
             bench.observe(shown.observer());
         }
@@ -142,7 +142,9 @@ impl Tune {
 }
 
 fn no_goal() -> Error {
-    Error::usage("name a goal: --max-error flip=0.02, --max-seconds 10 or --max-work 1e8")
+    Error::usage(
+        "a goal is missing; add one, such as --max-error flip=0.02, --max-seconds 10 or --max-work 1e8",
+    )
 }
 
 fn at_least_one(text: &str) -> Result<usize, String> {

@@ -70,7 +70,9 @@ impl Verify {
             let line = match verdict {
                 Verdict::Equal => format!("equal     {id}\n"),
                 Verdict::Differs { output, difference } => {
-                    let how = difference.as_ref().map_or("its value is not in the bundle", |d| &d.summary);
+                    let how = difference
+                        .as_ref()
+                        .map_or("different content (the value is not in the bundle)", |d| &d.summary);
                     format!("differs   {id}.{output}: {how}\n")
                 }
                 Verdict::OtherInputs => {

@@ -25,7 +25,7 @@ pub struct EngineArgs {
     /// it starts
     #[arg(long, value_name = "SIZE")]
     pub memory: Option<String>,
-    /// Policy for syncing results to disk; this matters only if the power fails
+    /// When to sync results to disk; this matters only if the power fails
     #[arg(long, value_name = "WHEN", default_value = "batch")]
     pub fsync: When,
 }

@@ -70,7 +70,7 @@ impl Loaded {
     pub fn check_output(&self, path: &Path) -> Result<(), Error> {
         let read = ReadFiles::new(self.texts.iter().cloned().chain(self.graph.files()));
         if read.has(path) {
-            let why = "is the graph or a file that it reads; name another file to write";
+            let why = "is the graph or a file that it reads; choose another output file";
             return Err(Error::usage(format!("`{}` {why}", path.display())));
         }
         Ok(())
@@ -92,8 +92,7 @@ impl GraphArgs {
     pub fn load_to_turn(&self) -> Result<Loaded, Error> {
         if is_picture(&self.graph) {
             terminal::remark(
-                "the recipe of a picture lacks the presets of the original graph and has other node names, so the settings \
-                 below apply to the picture, not to that graph",
+                "the recipe of a picture lacks the presets and the node names of the original graph, so the settings below apply to the picture, not to that graph",
             );
         }
         self.load()

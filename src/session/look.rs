@@ -59,8 +59,13 @@ impl Shown<'_> {
         let mut sheet = Canvas::new(SIDE + 2 * (VIEW[0] + gap), SIDE, [0.06; 3]);
         sheet.put(&plan.canvas, [0, 0]);
         let decimals = if stand.radius < 2.0 { 4 } else { 2 };
-        let _ =
-            writeln!(lines, "{:>14}  grid lines every {} units; {} is up", "plan", plan.step, self.up.name());
+        let _ = writeln!(
+            lines,
+            "{:>14}  grid lines are {} units apart; the up axis is {}",
+            "plan",
+            plan.step,
+            self.up.name()
+        );
         for (n, view) in found.iter().enumerate() {
             let canvas = self.view(view, world[2], n + 1, cx)?;
             sheet.put(&canvas, [SIDE + gap + (n % 2) * (VIEW[0] + gap), (n / 2) * (VIEW[1] + gap)]);
@@ -138,7 +143,7 @@ pub fn of_mesh(mesh: &Mesh, declared: Option<Up>) -> Result<Drawn, NodeError> {
         let points = || (0..mesh.positions.len() as u32).map(|v| mesh.position(v));
         let low = points().fold(DVec3::INFINITY, DVec3::min);
         let [x, y, z] = (points().fold(DVec3::NEG_INFINITY, DVec3::max) - low).to_array();
-        let text = "width, height and depth, in metres as glTF defines";
+        let text = "width, height and depth, in metres (defined by glTF)";
         let _ = writeln!(lines, "{:>14}  {x:.3} x {y:.3} x {z:.3}, {text}", "size");
     }
     let (png, more) = of_scene(&splats, up)?;
@@ -192,12 +197,12 @@ pub fn of_panorama(file: &Path, bytes: &[u8]) -> Result<Drawn, NodeError> {
     let mut lines = String::new();
     let _ = writeln!(
         lines,
-        "{:>14}  {width} by {height}; the lines mark the horizon and the centre column (forward)",
+        "{:>14}  {width} by {height} pixels; the lines mark the horizon and the centre column (forward)",
         "panorama"
     );
     let _ = writeln!(
         lines,
-        "{:>14}  {:.3}, {azimuth:.1} degrees right of forward, {rise:.1} degrees above the horizon; 95 % of the pixels are below {white:.3}",
+        "{:>14}  luminance {:.3}, {azimuth:.1} degrees right of forward, {rise:.1} degrees above the horizon; 95 % of the pixels have a luminance below {white:.3}",
         "brightest", peak.1
     );
     Ok((canvas.png()?, lines))

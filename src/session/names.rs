@@ -93,8 +93,10 @@ fn find_all(graph: &Graph, name: &str) -> Result<Vec<usize>, Error> {
         let known: Vec<String> =
             axes.map(|axis| format!("`{axis}` {}", values_of(graph, &instances, axis))).collect();
         return Err(Error::usage(match known.as_slice() {
-            [] => format!("`{plain}` does not vary along an axis, so it has no `{values}`"),
-            known => format!("`{plain}` has no `{values}`; it has {}", known.join(" and ")),
+            [] => format!("`{plain}` does not vary along an axis, so it has no instance `{values}`"),
+            known => {
+                format!("`{plain}` has no instance `{values}`; it has instances at {}", known.join(" and "))
+            }
         }));
     }
     let plain_names: BTreeSet<&str> =

@@ -159,9 +159,9 @@ fn graph_text(mut bytes: Vec<u8>, from: impl Read) -> std::io::Result<String> {
     let wrong = |what: &str| std::io::Error::new(std::io::ErrorKind::InvalidData, what);
     from.take(LARGEST_GRAPH + 1 - bytes.len() as u64).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > LARGEST_GRAPH {
-        return Err(wrong("it is longer than the maximum of 64 MiB"));
+        return Err(wrong("the text is longer than the maximum of 64 MiB"));
     }
-    String::from_utf8(bytes).map_err(|_| wrong("it is not UTF-8 text"))
+    String::from_utf8(bytes).map_err(|_| wrong("the text is not UTF-8"))
 }
 
 fn confined(folder: &Path, inputs: &[PathBuf]) -> Result<SourceRoot, Error> {

@@ -155,7 +155,7 @@ fn shown(picture: &Picture, exposure: f32) -> (Vec<u16>, Option<String>) {
                 let value = if p[0].is_finite() { (p[0] - low) / range } else { 1.0 };
                 [code(value); 3]
             });
-            let text = (low <= high).then(|| format!("black is {low}, white {high}"));
+            let text = (low <= high).then(|| format!("black is {low}, white is {high}"));
             (codes.collect(), text)
         }
     }

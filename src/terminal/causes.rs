@@ -61,7 +61,9 @@ pub fn causes(graph: &Graph, index: usize, changes: &[Change]) -> Vec<Cause> {
             (Some(old), Some(new)) => {
                 let what = ["type", "format", "content"][field % 3];
                 let (from, above) = end(graph, index, port, wire);
-                let text = format!("`{name}`, now from `{from}`, has different {what}: {old} -> {new}");
+                let text = format!(
+                    "the {what} of the input `{name}`, which now comes from `{from}`, has changed: {old} -> {new}"
+                );
                 causes.push(Cause { text, above });
             }
             // Reported with its first field.
@@ -78,11 +80,11 @@ pub fn causes(graph: &Graph, index: usize, changes: &[Change]) -> Vec<Cause> {
             if came.len() > MOST {
                 ends.push("..".to_owned());
             }
-            let text = format!("{name} has {} more {}: {}", came.len(), wires(came.len()), ends.join(", "));
+            let text = format!("{name} has {} new {}: {}", came.len(), wires(came.len()), ends.join(", "));
             causes.push(Cause { text, above: None });
         }
         if went > 0 {
-            causes.push(Cause { text: format!("{name} has {went} fewer {}", wires(went)), above: None });
+            causes.push(Cause { text: format!("{name} has lost {went} {}", wires(went)), above: None });
         }
     }
     causes
@@ -140,7 +142,7 @@ fn plain_cause(graph: &Graph, index: usize, change: &Change) -> String {
             let file = source(change).unwrap_or(rest);
             format!("`{file}`, which `{}` reads, has different content: {old} -> {new}", node.id)
         }
-        "recipe" => "the recipe that is written into the file differs".to_owned(),
+        "recipe" => "the recipe that the node writes into its file has changed".to_owned(),
         "scene" => format!("`{}` {old} -> {new}", change.path),
         _ => format!("`{}.{}` {old} -> {new}", node.id, change.path),
     }

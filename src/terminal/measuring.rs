@@ -123,14 +123,10 @@ pub fn outlook_text(outlook: &Outlook) -> String {
         (0, false) => format!("{settings} setting{s}, all results known"),
         (0, true) => format!("{settings} setting{s}, about {known}"),
         (n, false) => {
-            format!(
-                "{settings} setting{s}, time unknown, since some kinds have never run (runs of their nodes: {n})"
-            )
+            format!("{settings} setting{s}, time unknown (planned runs without an estimate: {n})")
         }
         (n, true) => {
-            format!(
-                "{settings} setting{s}, more than {known}, since some kinds have never run (runs of their nodes: {n})"
-            )
+            format!("{settings} setting{s}, more than {known} (planned runs without an estimate: {n})")
         }
     }
 }

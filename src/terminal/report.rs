@@ -13,7 +13,7 @@ use super::words::{counts_text, forecast_text, seconds_text, totals_text};
 
 /// Prints the events of a run.
 pub enum Report {
-    /// One JSON object per line on standard output.
+    /// Print one JSON object per line on standard output.
     Json,
     /// Lines on standard error, with a bar if it is a terminal, and paths of written files on standard output.
     Lines(Box<Lines>),
@@ -141,7 +141,7 @@ impl Lines {
             Event::Pass { parameter, level, of, coarse } => {
                 let blocks = match coarse {
                     1 => String::new(),
-                    n => format!(", one pixel of each block of {n} by {n}"),
+                    n => format!(", with one computed pixel per block of {n} by {n} pixels"),
                 };
                 self.line("preview", "36", &format!("{parameter} {level} of {of}{blocks}"));
             }
@@ -152,7 +152,7 @@ impl Lines {
             }
             Event::Idle { files } => {
                 let s = if *files == 1 { "" } else { "s" };
-                self.line("watching", "2", &format!("{files} file{s}; Ctrl-C ends"));
+                self.line("watching", "2", &format!("{files} file{s}; press Ctrl-C to end"));
             }
         }
     }

@@ -13,7 +13,9 @@ pub fn forecast_text(forecast: &Forecast) -> String {
         (0, Some(known)) => text.push_str(&format!(", {known}")),
         (n, None) => text.push_str(&format!(", time unknown (nodes whose kind has never run: {n})")),
         (n, Some(known)) => {
-            text.push_str(&format!(", {known} without the nodes whose kind has never run (number: {n})"));
+            text.push_str(&format!(
+                ", {known} plus the time of nodes whose kind has never run (number of these nodes: {n})"
+            ));
         }
     }
     text
@@ -88,7 +90,7 @@ mod tests {
         let some = text(5, 0.43, 2);
         assert_eq!(
             some,
-            "5 of 9 nodes may run, about 0.43 s without the nodes whose kind has never run (number: 2)"
+            "5 of 9 nodes may run, about 0.43 s plus the time of nodes whose kind has never run (number of these nodes: 2)"
         );
     }
 }

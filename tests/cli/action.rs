@@ -35,7 +35,7 @@ fn a_node_is_computed_in_another_process() {
     bytes[0] ^= 1;
     std::fs::write(&value, bytes).unwrap();
     let (_, error) = call(&["action", "take", "action", "--out", outputs.to_str().unwrap()], 2);
-    assert!(error.contains("does not have the digest"), "{error}");
+    assert!(error.contains("does not match the digest"), "{error}");
     let (_, error) = call(&["action", "write", "graph.ron", "trace", "action"], 2);
     assert!(error.contains("cannot create"), "{error}");
     let (_, error) = call(&["action", "run", "action", "--memory", "1K"], 1);

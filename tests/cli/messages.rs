@@ -222,7 +222,7 @@ fn former_parameters_are_errors_with_the_new_spelling() {
     let errors = text(&place.call(&["check", "graph.ron"]).stderr);
     assert!(errors.contains("`PathTrace` no longer has `env_block`, `bounce`"), "{errors}");
     assert!(errors.contains("write `surroundings: Room(layers: 2)`"), "{errors}");
-    assert!(errors.contains("`path-trace` 19 or earlier"), "{errors}");
+    assert!(errors.contains("version 19 or earlier of the kind `path-trace`"), "{errors}");
     assert_eq!(errors.matches("no longer has").count(), 1, "{errors}");
     let place = Place::new(INSERT);
     let errors = text(&place.call(&["check", "graph.ron", "--set", "trace.near_field=Off"]).stderr);

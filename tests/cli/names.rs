@@ -55,7 +55,9 @@ fn a_wrong_name_is_answered_with_a_near_one_that_exists() {
     assert!(text.contains("its nodes are demo, camera, view, each, film\n"), "each once: {text}");
     let text = reported(&["--only", "each/frame=3"]);
     assert!(
-        text.contains("`each` has no `frame=3`; it has `frame` 998, 999, 1000, 1001, 1002, 1003"),
+        text.contains(
+            "`each` has no instance `frame=3`; it has instances at `frame` 998, 999, 1000, 1001, 1002, 1003"
+        ),
         "{text}"
     );
     assert!(

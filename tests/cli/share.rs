@@ -358,8 +358,9 @@ fn a_difference_says_what_was_not_compared_and_pictures_need_no_files() {
     let printed = text(&reported.stdout);
     assert!(printed.contains("results compared: 5, all equal\n"), "{printed}");
     assert!(
-        printed
-            .ends_with("no result is known for these nodes of the second graph: jpeg; run the graph first\n"),
+        printed.ends_with(
+            "no result is known for these nodes of the second graph: jpeg; run this graph first\n"
+        ),
         "{printed}"
     );
 

@@ -24,7 +24,7 @@ fn any_node_is_shown_without_editing_the_graph() {
     }
     for (wrong, why) in [
         ("demo.rig", "`demo.rig` has the type rig"),
-        ("trace.deep", "`trace` has no output `deep`; it has"),
+        ("trace.deep", "`trace` has no output `deep`; its outputs are"),
         ("nobody", "no node `nobody`"),
     ] {
         let output = place.call(&["show", "graph.ron", wrong]);
@@ -88,7 +88,7 @@ fn a_pixel_gives_the_point_that_it_shows() {
     assert!(apart < 0.1, "4000 splats are 10 cm apart: {on_mesh:?} {on_splats:?}");
     for (arguments, why) in [
         (["view", "96.5,3"], "lies outside"),
-        (["view", "here"], "is not a pixel"),
+        (["view", "here"], "is not the position of a pixel"),
         (["final", "1,1"], "is not a view of the scene"),
     ] {
         let output = place.call(&[&["pick", "graph.ron"], &arguments[..]].concat());

@@ -37,7 +37,10 @@ fn scenes_are_reported_with_the_digits_they_need() {
     std::fs::write(place.path("small.ply"), room(0.001, -6.908)).unwrap();
     let (code, text) = printed(&place.call(&["inspect", "large.ply"]));
     assert_eq!(code, Some(0), "{text}");
-    assert!(text.contains("900") && text.contains("+z, sure") && text.contains("-2.500 along up"), "{text}");
+    assert!(
+        text.contains("900") && text.contains("+z, sure") && text.contains("-2.500 along the up axis"),
+        "{text}"
+    );
     let (_, text) = printed(&place.call(&["inspect", "small.ply"]));
     assert!(text.contains("-0.00250"), "{text}");
 }
@@ -57,7 +60,7 @@ fn converting_says_what_it_took_for_granted() {
         "{text}"
     );
     let (_, text) = printed(&place.call(&["inspect", "four.spz"]));
-    assert!(text.contains("+y, defined by its format") && text.contains("+y, sure"), "{text}");
+    assert!(text.contains("+y, defined by the file format") && text.contains("+y, sure"), "{text}");
     for wrong in [
         &["convert", "room.ply", "a.spz", "--up", "+z", "--as-stored"][..],
         &["convert", "room.ply", "a.ply", "--spz4"],

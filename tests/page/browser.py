@@ -432,7 +432,7 @@ def refuses(b, p):
         check(found["read"] == found["simple"] == found["header"] == found["image"] == found["frame"] == "refused", f"{origin}: {found}")
     # DNS rebinding: the name of the attacker now leads to this machine.
     b.at("POST", "/url", {"url": f"http://rebound.test:{port}/"})
-    check("this server answers only at its own local address" in b.text("body"), "a rebound host is refused")
+    check("this server answers only requests to its own local address" in b.text("body"), "a rebound host is refused")
     site.shutdown()
     check(p.text() == before, "nothing was written")
     b.console()

@@ -83,7 +83,7 @@ pub struct Bench<'e> {
     targets: Vec<usize>,
     /// The knobs of the graph, and other fields that are set by the graph's own presets.
     pub tunables: Vec<Tunable>,
-    /// Names of the pictures that are not judged.
+    /// Names of the pictures that are not scored.
     pub unjudged: Vec<String>,
     /// Remarks for the user, for example about pictures that are left out.
     pub remarks: Vec<String>,
@@ -148,7 +148,7 @@ impl<'e> Bench<'e> {
         if kept.is_empty() {
             return Err(Error::NoKnob(unjudged.join("`, `")));
         }
-        let unreached = |name: &String| format!("no knob affects `{name}`, so it is left out");
+        let unreached = |name: &String| format!("no knob affects `{name}`, so this picture is left out");
         let mut remarks: Vec<String> = layers.into_iter().chain(unjudged.iter().map(unreached)).collect();
         let outputs = kept;
         let targets = targets(&outputs);
@@ -214,7 +214,7 @@ impl<'e> Bench<'e> {
     /// Leaves out pictures whose size is set by a knob. To find them, the preset `reference` is compared with
     /// `draft`, the preset farthest from it. Afterwards, all measured points are discarded. Both presets are
     /// measured again later, and failures are reported then. This function must be called before a search.
-    /// Otherwise, the search would lower knobs that affect only pictures that are not judged, since this increases
+    /// Otherwise, the search would lower knobs that affect only pictures that are not scored, since this increases
     /// no measured error.
     pub fn leave_out_resized(&mut self) -> Result<(), Error> {
         if self.outputs.len() < 2 {
@@ -357,8 +357,8 @@ impl<'e> Bench<'e> {
     }
 
     /// Computes the errors of pictures relative to the reference. The pictures of the first call become the
-    /// reference. Pictures whose size is set by a knob are not judged. If there are colour pictures, pictures with
-    /// data other than colours, such as depth, are not judged either, since other metrics apply to them.
+    /// reference. Pictures whose size is set by a knob are not scored. If there are colour pictures, pictures with
+    /// data other than colours, such as depth, are not scored either, since other metrics apply to them.
     fn off(&mut self, graph: &Graph, pictures: &mut Vec<Arc<Images>>) -> Result<Vec<Off>, Miss> {
         if self.truth.is_none() {
             let data: Vec<bool> = pictures.iter().map(|images| holds_data(images)).collect();
@@ -376,10 +376,10 @@ impl<'e> Bench<'e> {
             let linear = |output: &Output, _: &Images| output.space == Space::Linear;
             let cut = |output: &Output, images: &Images| output.space == Space::Display && is_bright(images);
             let remarks = [
-                reported(&cut, "light far above white is judged as white in these pictures"),
+                reported(&cut, "in these pictures, light far above white is scored as white"),
                 reported(
                     &linear,
-                    "judged in linear light, with HDR-FLIP, since they are only written to OpenEXR files",
+                    "these pictures are scored in linear light, with HDR-FLIP, since they are written only to OpenEXR files",
                 ),
             ];
             remarks.into_iter().flatten().for_each(|text| self.remark(text));
@@ -403,7 +403,7 @@ impl<'e> Bench<'e> {
         let Some((truth, metric)) = self.truth.as_ref().zip(self.metric.clone()) else { return Ok(()) };
         let why =
             truth.uncomputed(&self.outputs, &metric).map_err(|error| Miss::Failed(error.to_string()))?;
-        let way_out = "with `--metric` or `--max-error`, use rmse, psnr, mae or relmse, which can be computed for every picture";
+        let way_out = "choose rmse, psnr, mae or relmse with `--metric` or `--max-error`; these can be computed for every picture";
         if let [Some(first), rest @ ..] = why.as_slice()
             && rest.iter().all(Option::is_some)
         {
@@ -414,8 +414,7 @@ impl<'e> Bench<'e> {
         for (output, why) in self.outputs.iter_mut().zip(why) {
             if let Some(why) = &why {
                 reported.push(format!(
-                    "`{}` is only written to OpenEXR files and therefore judged in linear light; {} cannot be computed for this picture \
-                     ({why}), so it is not included in the error",
+                    "`{}` is written only to OpenEXR files and is therefore scored in linear light; {} cannot be computed for this picture ({why}), so the picture is not included in the error",
                     output.name, metric.name
                 ));
             }
@@ -438,7 +437,7 @@ impl<'e> Bench<'e> {
                 truth.remove(at);
             }
             self.points.iter_mut().for_each(|point| point.off.retain(|row| row.output != name));
-            self.remark(format!("`{name}` {why}, so it is left out"));
+            self.remark(format!("`{name}` {why}, so this picture is left out"));
             self.unjudged.push(name);
         }
     }
@@ -449,7 +448,7 @@ impl<'e> Bench<'e> {
         &self.remarks[reported..]
     }
 
-    /// The pictures to judge, as computed by the last run of `graph`.
+    /// The pictures to score, as computed by the last run of `graph`.
     fn pictures(&self, graph: &Graph) -> Result<Vec<Arc<Images>>, Miss> {
         let value = |output: &Output| {
             let images = self.engine.value::<Images>(graph, output.wire).map(Arc::new);

@@ -43,7 +43,7 @@ pub enum Error {
     )]
     NoKnob(String),
     /// The metric is not defined for these pictures.
-    #[error("`{metric}` cannot be computed for at least one of the pictures; it needs {needs}")]
+    #[error("`{metric}` cannot be computed for at least one of the pictures; this metric needs {needs}")]
     NotComputed {
         /// The metric, as the user wrote it.
         metric: String,

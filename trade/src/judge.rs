@@ -20,7 +20,7 @@ pub struct Output {
     pub name: String,
     /// The output of a node from which the picture comes.
     pub wire: Wire,
-    /// The space in which the picture is judged: linear light if the picture is only written to OpenEXR files;
+    /// The space in which the picture is scored: linear light if the picture is only written to OpenEXR files;
     /// otherwise, the values of an 8-bit display.
     pub space: Space,
     inserted: Option<Insertion>,
@@ -322,7 +322,7 @@ fn touched(picture: &Images, background: &Images) -> Option<Images> {
 }
 
 /// The pictures that the nodes `asked` write or output, each picture once, and remarks on pictures that are left
-/// out. Layers of an EXR file are judged only if there are no other pictures, since layers have different units.
+/// out. Layers of an EXR file are scored only if there are no other pictures, since layers have different units.
 pub fn outputs(graph: &Graph, asked: &[usize]) -> (Vec<Output>, Vec<String>) {
     let is_picture =
         |wire: &Wire| graph.nodes[wire.node].kind.outputs[wire.port].artifact.name == Images::TYPE;
@@ -353,7 +353,7 @@ pub fn outputs(graph: &Graph, asked: &[usize]) -> (Vec<Output>, Vec<String>) {
         wires.sort_unstable();
         wires.dedup();
     } else if !layers.is_empty() {
-        reported.push("layers of an EXR file are not judged if there are other pictures".to_owned());
+        reported.push("layers of an EXR file are not scored, since there are other pictures".to_owned());
     }
     let output = |wire: Wire| {
         let node = &graph.nodes[wire.node];

@@ -108,7 +108,7 @@ const SKIPS: [Skip; 8] = [
     },
     Skip {
         what: "the second render, in regions where objects have almost no effect on the light",
-        check: "an upper bound on the light that objects block, emit and reflect is small enough",
+        check: "an upper bound on the light that objects block, emit and reflect is below a threshold",
         force: "`crop: 0`",
         kinds: TRACE,
         judge: |seen| match seen.note("cropped") {
@@ -119,7 +119,7 @@ const SKIPS: [Skip; 8] = [
     Skip {
         what: "rays in regions where objects change nothing",
         check: "none of the light paths traced for a chunk of pixels hits an object",
-        force: "it cannot be forced; the expected picture does not depend on it",
+        force: "cannot be forced; these rays do not change the expected value of the picture",
         kinds: TRACE,
         judge: |seen| {
             let shares =

@@ -29,7 +29,7 @@ enum Of {
 const REGIONS: [&str; 4] = ["whole", "touched", "object", "shadow"];
 
 /// Description of the prefixes that select a region, for error messages.
-const IN_FRONT: &str = "optionally with the prefix `touched.` for the pixels that the object changes, `object.` for those that it covers, or `shadow.` for all other pixels that it changes";
+const IN_FRONT: &str = "optionally with the prefix `touched.` for the pixels that the object changes, `object.` for the pixels that it covers, or `shadow.` for the pixels that it changes but does not cover";
 
 /// The name of each metric, and how it is computed.
 const METRICS: [(&str, Of); 7] = [

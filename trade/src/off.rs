@@ -24,7 +24,7 @@ pub struct Off {
 }
 
 impl Off {
-    /// The value of a column. For the FLIP column, this is the value of HDR-FLIP if the picture is judged in linear
+    /// The value of a column. For the FLIP column, this is the value of HDR-FLIP if the picture is scored in linear
     /// light.
     pub fn value(&self, column: &str) -> Option<f64> {
         self.values.get(column).or_else(|| self.values.get(&format!("hdr-{column}"))).copied()

@@ -144,11 +144,13 @@ impl Tuned {
     /// The reason why the search ended. `stopped` is true if the user interrupted it.
     pub fn ended(&self, stopped: bool) -> &'static str {
         match (self.finished, stopped) {
-            (true, _) => "no change of a single knob by one step gives a better setting",
-            (false, true) => "interrupted, so there may be better settings",
-            (false, false) if self.late => "the time ran out, so there may be better settings",
-            (false, false) if self.left == 0 => "the budget is used up, so there may be better settings",
-            (false, false) => "a setting failed, so there may be better settings",
+            (true, _) => "changing a single knob by one step does not improve on this setting",
+            (false, true) => "interrupted, so the best setting may not have been found",
+            (false, false) if self.late => "the time ran out, so the best setting may not have been found",
+            (false, false) if self.left == 0 => {
+                "the budget is used up, so the best setting may not have been found"
+            }
+            (false, false) => "a setting failed, so the best setting may not have been found",
         }
     }
 
@@ -264,23 +266,23 @@ fn none_below_half(metric: &Metric, half: &Below) -> String {
         Some(_) if !half.complete => {
             let (count, least) = (half.all.len(), metric.shown(least));
             format!(
-                "no measured setting at less than half of that cost reaches the goal (settings: {count}, smallest error: {least}); a larger `--budget` would measure more of them"
+                "no measured setting at less than half of the cost of this preset reaches the goal (settings: {count}, smallest error: {least}); a larger `--budget` would measure more such settings"
             )
         }
         None if !half.complete => {
-            "no setting at less than half of that cost was measured; a larger `--budget` would include such settings"
+            "no setting at less than half of the cost of this preset was measured; a larger `--budget` would include such settings"
                 .to_owned()
         }
         Some(_) => {
             let (count, least) = (half.all.len(), metric.shown(least));
             format!(
-                "no setting at less than half of that cost reaches the goal (settings: {count}, smallest error: {least})"
+                "no setting at less than half of the cost of this preset reaches the goal (settings: {count}, smallest error: {least})"
             )
         }
         None => {
             let cost = tick_text(half.least.cost);
             format!(
-                "no setting was found at less than half of that cost: even with every knob at its minimum, the cost is {cost}"
+                "no setting was found at less than half of the cost of this preset: even with every knob at its minimum, the cost is {cost}"
             )
         }
     };
@@ -291,7 +293,7 @@ fn none_below_half(metric: &Metric, half: &Below) -> String {
     if half.complete {
         let margin = 100.0 * half.margin;
         format!(
-            "{found}; another such setting exists only if raising knobs saves more than {margin:.1} % of the cost; {saved}"
+            "{found}; such a setting could exist only if raising knobs saved more than {margin:.1} % of the cost; {saved}"
         )
     } else {
         format!("{found}; {saved}")

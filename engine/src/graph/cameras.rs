@@ -17,8 +17,8 @@ const MOST_STEPS: usize = 1000;
 /// has a mistake, which the check of the nodes reports.
 ///
 /// # Errors
-/// If there is no such node, if the node varies along an axis, or if its number of cameras is not known before it
-/// runs.
+/// If there is no such node, if the node varies along an axis, or if its number of cameras is not known before the
+/// node runs.
 pub(crate) fn cameras_of<'t>(
     name: &str,
     axis: &RawField<'t>,
@@ -57,12 +57,16 @@ pub(crate) fn cameras_of<'t>(
         let mut check = Check::new(source, registry, root, document, &mut mistakes);
         let Some((step, ..)) = check.alone(node, kind).filter(|_| check.mistakes() == 0) else {
             // A mistake in the node is reported by the check of the nodes.
-            return if mistakes.is_empty() { Err(unknown("is not known before it runs")) } else { Ok(None) };
+            return if mistakes.is_empty() {
+                Err(unknown("is not known before the node runs"))
+            } else {
+                Ok(None)
+            };
         };
         let inputs = match step.views(root) {
             Ok(ViewCount::Known(count)) => return Ok(Some(count)),
             Ok(ViewCount::As(inputs)) => inputs,
-            Ok(ViewCount::Unknown) => return Err(unknown("is not known before it runs")),
+            Ok(ViewCount::Unknown) => return Err(unknown("is not known before the node runs")),
             Ok(ViewCount::Uncounted { why, hint }) => {
                 let what = format!("the cameras of `{}` cannot be counted: {why}", shown(&node.id));
                 let mistake = wrong(Code::WrongValue, what);
@@ -74,12 +78,12 @@ pub(crate) fn cameras_of<'t>(
             Err(error) => return Err(wrong(Code::WrongValue, error.message().to_owned())),
         };
         let above = inputs.iter().find_map(|input| above(node, input, document));
-        let Some(above) = above else { return Err(unknown("is not known before it runs")) };
+        let Some(above) = above else { return Err(unknown("is not known before the node runs")) };
         wanted = above;
     }
     Err(wrong(
         Code::WrongValue,
-        format!("the number of cameras of `{}` is not known before it runs", shown(name)),
+        format!("the number of cameras of `{}` is not known before the node runs", shown(name)),
     ))
 }
 

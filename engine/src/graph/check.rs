@@ -108,7 +108,7 @@ impl<'t, 'a> Check<'t, 'a> {
                         format!("`scene` has no field `{}`", field.name),
                     )
                     .suggest(field.name, known)
-                    .hint("it has `up`, `metres_per_unit`, `seed` and `exhaustive`"),
+                    .hint("its fields are `up`, `metres_per_unit`, `seed` and `exhaustive`"),
                 );
             }
         }
@@ -347,12 +347,12 @@ fn former_fields<'t>(raw: &RawNode<'t>, kind: &KindEntry) -> Vec<(Vec<&'t str>, 
             .filter(|(name, _)| former.fields.contains(name))
             .map(|(name, _)| format!("`{name}`"))
             .collect();
-        let version = format!("`{}` {}", kind.name, former.last);
+        let version = format!("version {} or earlier of the kind `{}`", former.last, kind.name);
         let message = format!("`{}` no longer has {}", kind.camel_name(), written.join(", "));
         let mistake = Diagnostic::of(Code::UnknownField, field.name_span.clone(), message)
             .label(former.instead)
             .hint(format!(
-                "recipes and bundles that use it need a version of lightharmony with {version} or earlier"
+                "recipes and bundles that use the removed parameters need an older lightharmony, with {version}"
             ));
         found.push((former.fields.to_vec(), mistake));
     }

@@ -171,14 +171,16 @@ pub(crate) fn places(raw: &RawNode<'_>, kind: &KindEntry, fields: &[Field<'_>]) 
 fn check_sink_path(path: &str, axes: &[Axis<'_>]) -> Result<(), &'static str> {
     use std::path::Component;
     if path.is_empty() || path.ends_with('/') {
-        return Err("it names no file");
+        return Err("the path does not name a file");
     }
     let mut plain = path.replace("{view}", "");
     for axis in axes {
         plain = with_value(&plain, axis.name, |_| String::new());
     }
     if plain.contains(['{', '}']) {
-        return Err("the only placeholders are `{view}`, the name of the view, and the names of axes");
+        return Err(
+            "a placeholder must be `{view}`, which stands for the name of the view, or the name of an axis",
+        );
     }
     // These characters have other meanings on other systems.
     if plain.contains(['\\', ':']) || path.chars().any(char::is_control) {
@@ -189,7 +191,7 @@ fn check_sink_path(path: &str, axes: &[Axis<'_>]) -> Result<(), &'static str> {
             Component::Normal(_) | Component::CurDir => {}
             Component::ParentDir => return Err("`..` could lead out of the output folder"),
             Component::RootDir | Component::Prefix(_) => {
-                return Err("it must be relative to the output folder");
+                return Err("the path must be relative to the output folder");
             }
         }
     }

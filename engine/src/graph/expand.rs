@@ -119,7 +119,10 @@ impl<'t> Check<'t, '_> {
         }
         if over.is_empty() && self.mistakes() == before {
             let what = "`over` names no axis, so there is nothing to gather";
-            self.report(Diagnostic::new(raw.kind_span.clone(), what).hint("connect the node itself"));
+            self.report(
+                Diagnostic::new(raw.kind_span.clone(), what)
+                    .hint("connect the node directly, without a `Gather`"),
+            );
         }
         if inputs.len() > 1 {
             let what = format!("`input` takes one wire, not {}", inputs.len());
@@ -152,7 +155,7 @@ impl<'t> Check<'t, '_> {
             let what = format!("the axes expand the graph to more than {MOST_INSTANCES} nodes");
             self.report(
                 Diagnostic::new(span.unwrap_or_default(), what)
-                    .label("most of them are instances of this node"),
+                    .label("most of these nodes are instances of this one"),
             );
         }
         if self.mistakes() > before {

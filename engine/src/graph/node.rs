@@ -153,7 +153,7 @@ pub(crate) fn node_of_parameters(
         return Err(format!("`{}` has no parameter `{name}`", kind.name));
     }
     if let Some(name) = names().find(|known| !parameters.iter().any(|(name, _)| name == known)) {
-        return Err(format!("it states no `{name}`, a parameter of `{}`", kind.name));
+        return Err(format!("the parameter `{name}` of `{}` is missing", kind.name));
     }
     let fields: Vec<RawField<'_>> =
         parameters.iter().map(|(name, text)| RawField::plain(name, text.as_str())).collect();

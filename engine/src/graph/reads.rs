@@ -88,11 +88,11 @@ impl Graph {
 
 /// The message for a sink that would overwrite `path`.
 pub(crate) fn over_text(path: &Path) -> String {
-    format!("would overwrite {}, which the graph reads", path.display())
+    format!("this sink would overwrite {}, which the graph reads", path.display())
 }
 
 /// The hint for a sink that would overwrite a file of the graph.
-pub(crate) const OTHER_FILE: &str = "name another file, or another folder with `--out`";
+pub(crate) const OTHER_FILE: &str = "choose another file, or another folder with `--out`";
 
 #[cfg(test)]
 mod tests {

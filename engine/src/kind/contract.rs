@@ -68,7 +68,7 @@ impl Former {
     /// Describes removed parameters that forced optional work, which never changes the output. The advice names the
     /// option `--exhaustive`, which forces all such work in a run.
     pub fn exhaustive(fields: &'static [&'static str], last: u32) -> Self {
-        let instead = "remove it; `--exhaustive` forces all such work in a run".to_owned();
+        let instead = "to be removed; the option `--exhaustive` forces all optional work in a run".to_owned();
         Self { fields, last, instead }
     }
 }

@@ -122,9 +122,9 @@ impl Lock {
         let mut found = LockDifferences::default();
         for (kind, (version, profile)) in &now.kinds {
             match self.kinds.get(kind) {
-                None => found.before.push(format!("the lock has no kind `{kind}`")),
+                None => found.before.push(format!("the lock does not list the kind `{kind}`")),
                 Some(known) if *known != (*version, profile.clone()) => found.before.push(format!(
-                    "`{kind}` is version {version} ({profile}), but the lock has version {} ({})",
+                    "`{kind}` has version {version} ({profile}), but the lock has version {} ({})",
                     known.0, known.1
                 )),
                 _ => {}
@@ -132,7 +132,7 @@ impl Lock {
         }
         for (name, digest) in &now.inputs {
             match self.inputs.get(name) {
-                None => found.before.push(format!("the lock has no input `{name}`")),
+                None => found.before.push(format!("the lock does not list the input `{name}`")),
                 Some(known) if known != digest => found.before.push(format!(
                     "`{name}` has the digest {}, but the lock has the digest {}",
                     short(digest),

@@ -65,7 +65,7 @@ impl PartRecord {
     pub fn decode(bytes: &[u8]) -> Result<Self, Corrupt> {
         let mut from = Decoder::new(bytes);
         if from.u64()? != u64::MAX {
-            return Err(Corrupt("not the record of a part".to_owned()));
+            return Err(Corrupt("this is not the record of a part".to_owned()));
         }
         let (blob, seconds, cpu_seconds) = (read_digest(&mut from)?, from.f64()?, from.f64()?);
         let spent = Effort { seconds, cpu_seconds, counts: read_counts(&mut from)? };
@@ -251,7 +251,7 @@ pub(crate) fn read_notes(from: &mut Decoder<'_>) -> Result<Notes, Corrupt> {
     for _ in 0..from.length(17)? {
         let level = from.u8()? as usize;
         let level =
-            *LEVELS.get(level).ok_or_else(|| Corrupt(format!("a note has the unknown level {level}")))?;
+            *LEVELS.get(level).ok_or_else(|| Corrupt(format!("the level {level} of a note is unknown")))?;
         notes.push(level, &from.str()?, from.str()?);
     }
     Ok(notes)

@@ -39,27 +39,28 @@ impl TryFrom<String> for Hex {
     }
 }
 
-/// One node whose inputs are known by digest: everything that its key contains, and nothing else except the names
-/// of output files. So equal keys have equal actions, which a server runs once.
+/// A node whose inputs are identified by digests. The file contains everything that the key of the node contains,
+/// and nothing else except the names of output files. So nodes with equal keys have equal actions, which a server
+/// needs to run only once.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename = "Action", deny_unknown_fields)]
 pub(crate) struct ActionFile {
     /// [`FORMAT`].
     pub format: u32,
-    /// The key of the node. The worker computes it again.
+    /// The key of the node. The worker computes the key itself and compares.
     pub key: Hex,
     pub kind: String,
     pub version: u32,
     pub profile: String,
-    /// Name and canonical text of each parameter.
+    /// The parameters, each as its name and its canonical text.
     pub parameters: Vec<(String, String)>,
     pub context: ContextFields,
-    /// Each input port with its values in the order of the wires.
+    /// The input ports, each as its name and its values, in the order of the wires.
     pub inputs: Vec<(String, Vec<InputValue>)>,
     pub sources: Vec<InputFile>,
 }
 
-/// The context fields that the kind declares; the others are absent.
+/// The context fields that the kind declares. Fields that it does not declare are `None`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(crate) struct ContextFields {
@@ -81,7 +82,7 @@ pub(crate) struct ContextFields {
     pub recipe: Option<String>,
 }
 
-/// A value of an input.
+/// A value that an input receives.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct InputValue {
@@ -89,7 +90,7 @@ pub(crate) struct InputValue {
     pub type_name: String,
     pub format: u32,
     pub digest: Hex,
-    /// [`crate::Artifact::size`], from which the work is computed.
+    /// The [`crate::Artifact::size`] of the value, from which the work of the node is computed.
     pub size: u64,
 }
 
@@ -104,7 +105,7 @@ pub(crate) struct InputFile {
 }
 
 impl ActionFile {
-    /// The description of a node with known inputs. `output` returns the output from which a wire comes.
+    /// Describes a node whose inputs are known. `output` returns the output at which a wire starts.
     ///
     /// # Panics
     /// If `action` has no key.
@@ -172,7 +173,7 @@ impl ActionFile {
     /// Parses the text of the file.
     ///
     /// # Errors
-    /// The reason, if the text is not an action of the current format.
+    /// If the text is not an action of the current format, the reason.
     pub fn parse(text: &str) -> Result<Self, String> {
         // The format is read first, since other formats have other fields.
         #[derive(Deserialize)]
@@ -182,7 +183,9 @@ impl ActionFile {
         }
         let Head { format } = ron::from_str(text).map_err(|error| error.to_string())?;
         if format != FORMAT {
-            return Err(format!("its format is {format}; this version reads format {FORMAT}"));
+            return Err(format!(
+                "the action has format {format}, but this version of lightharmony reads format {FORMAT}"
+            ));
         }
         ron::from_str(text).map_err(|error| error.to_string())
     }

@@ -20,9 +20,9 @@ pub(crate) struct ActionNode {
     /// list.
     pub node: Node,
     pub around: Surroundings,
-    /// The values that the node reads, port by port, in the order of the wires.
+    /// The values that the node reads, grouped by port, and within a port in the order of the wires.
     pub inputs: Vec<Output>,
-    /// The stated key.
+    /// The key that the action states.
     pub key: Digest,
 }
 
@@ -30,7 +30,7 @@ impl ActionNode {
     /// Checks an action against the table of kinds. The key is checked later, since it depends on files.
     ///
     /// # Errors
-    /// If the kind, a parameter, a port or a type does not fit.
+    /// If the kind, a parameter, a port or a type does not match the table of kinds.
     pub fn new(file: &ActionFile, registry: &Registry) -> Result<Self, ActionError> {
         let kind = known_kind(file, registry)?;
         let (inputs, wires) = wires(file, kind)?;
@@ -53,7 +53,7 @@ impl ActionNode {
         Sizes { ports: ports.map(|(port, wires)| (port.name, size(wires))).collect(), files }
     }
 
-    /// The digests of the values of each input port.
+    /// For each input port, its name and the digests of its values.
     pub fn input_digests(&self) -> Vec<(&'static str, Vec<Digest>)> {
         let digests = |wires: &[Wire]| wires.iter().map(|wire| self.input(*wire).digest).collect();
         let ports = self.node.kind.inputs.iter().zip(&self.node.inputs);
@@ -76,12 +76,12 @@ fn known_kind<'r>(file: &ActionFile, registry: &'r Registry) -> Result<&'r Arc<K
     Ok(kind)
 }
 
-/// The values that the node reads, and the wires of each port, which start at these values.
+/// The values that the node reads, and for each port its wires, which start at these values.
 fn wires(file: &ActionFile, kind: &KindEntry) -> Result<(Vec<Output>, Vec<Vec<Wire>>), ActionError> {
     let invalid = |why: String| Err(ActionError::Invalid(why));
     let named = file.inputs.iter().map(|(name, _)| name.as_str());
     if !named.eq(kind.inputs.iter().map(|port| port.name)) {
-        return invalid(format!("its inputs are not those of `{}`", kind.name));
+        return invalid(format!("the names of the inputs are not those of `{}`", kind.name));
     }
     let (mut inputs, mut wires) = (Vec::new(), Vec::new());
     for (PortSpec { name, arity, artifact, .. }, (_, values)) in kind.inputs.iter().zip(&file.inputs) {
@@ -91,14 +91,14 @@ fn wires(file: &ActionFile, kind: &KindEntry) -> Result<(Vec<Output>, Vec<Vec<Wi
             Arity::Many => true,
         };
         if !fits {
-            return invalid(format!("`{name}` has a wrong number of values: {}", values.len()));
+            return invalid(format!("the input `{name}` has a wrong number of values: {}", values.len()));
         }
         let first = inputs.len();
         for value in values {
             if (value.type_name.as_str(), value.format) != (artifact.name, artifact.format) {
                 let (theirs, ours) = ((&value.type_name, value.format), (artifact.name, artifact.format));
                 return invalid(format!(
-                    "a value of `{name}` is of type `{}` in format {}, not `{}` in format {}",
+                    "a value of the input `{name}` is of type `{}` in format {}, not `{}` in format {}",
                     theirs.0, theirs.1, ours.0, ours.1
                 ));
             }

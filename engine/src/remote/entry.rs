@@ -1,11 +1,11 @@
-//! Entries: results in the form in which they leave this machine.
+//! Entries: the form in which results are sent to other machines.
 
 use cache::{Digest, Store};
 
 use crate::record::record::{Record, digest, read_digest};
 use crate::value::artifact::{Corrupt, Decoder, Encoder};
 
-/// Start of every entry. It is changed when the encoding changes.
+/// First bytes of every entry. They change whenever the encoding changes.
 const MAGIC: &str = "lightharmony entry 1";
 
 /// The result of a key: the record with its manifest, and the lengths of the stored values.
@@ -24,7 +24,7 @@ pub struct Entry {
 }
 
 impl Entry {
-    /// The entry of a result in the store; `None` if the record or a value of it is missing or damaged.
+    /// The entry of a result in the store; `None` if the record or one of the values is missing or damaged.
     pub fn stored(store: &Store, key: &Digest) -> Option<Self> {
         let record = store.get_record(key)?;
         let length = |digest: &Digest| Some(store.get_blob(digest).ok()??.len() as u64);
@@ -43,8 +43,8 @@ impl Entry {
         to.finish()
     }
 
-    /// Decodes an entry of a node or of a part, and checks that it belongs to the key. The key of a node is the
-    /// digest of the manifest in its record.
+    /// Decodes the entry of a node or of a part, and checks that it belongs to `key`, which is the digest of the
+    /// manifest in the record.
     ///
     /// # Errors
     /// If the bytes are not an entry of this key.
@@ -52,7 +52,7 @@ impl Entry {
         let wrong = |what: &str| Corrupt(what.to_owned());
         let mut from = Decoder::new(bytes);
         if from.raw()? != MAGIC.as_bytes() {
-            return Err(wrong("not an entry of this version of lightharmony"));
+            return Err(wrong("the data is not an entry of this version of lightharmony"));
         }
         let entry = Self {
             key: read_digest(&mut from)?,
@@ -63,12 +63,13 @@ impl Entry {
         if entry.key != *key {
             return Err(wrong("the entry belongs to another key"));
         }
-        let manifest = Record::manifest(&entry.record).ok_or_else(|| wrong("its record has no manifest"))?;
+        let manifest = Record::manifest(&entry.record)
+            .ok_or_else(|| wrong("the record in the entry has no manifest"))?;
         if Digest::of(manifest.as_bytes()) != *key {
-            return Err(wrong("its record belongs to another key"));
+            return Err(wrong("the record in the entry belongs to another key"));
         }
         if entry.lengths.len() != entry.blobs()?.len() {
-            return Err(wrong("the number of lengths is not the number of values"));
+            return Err(wrong("the number of lengths differs from the number of values"));
         }
         Ok(entry)
     }

@@ -1,4 +1,4 @@
-//! Errors of actions.
+//! Errors in actions.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -8,7 +8,7 @@ use cache::Digest;
 use crate::value::error::NodeError;
 use crate::value::units::bytes_text;
 
-/// An error of writing or running an action, or of taking its outputs.
+/// An error while an action is written or run, or while its outputs are added to the store.
 #[derive(Debug, thiserror::Error)]
 pub enum ActionError {
     /// A file or folder cannot be read or written.
@@ -24,7 +24,7 @@ pub enum ActionError {
     /// A file cannot be written.
     #[error(transparent)]
     Write(#[from] cache::Error),
-    /// The action file is not one, or is of another version.
+    /// The file is not an action file, or has the format of another version.
     #[error("`{}` is not an action of this version of lightharmony: {why}", .path.display())]
     Format {
         /// The action file.
@@ -32,7 +32,7 @@ pub enum ActionError {
         /// The reason.
         why: String,
     },
-    /// This program has no such kind, or has another version of it.
+    /// This program does not have the kind of the action, or has another version of it.
     #[error("the action needs {wanted}, but this program has {found}")]
     Kind {
         /// The kind, version and profile of the action.
@@ -43,20 +43,20 @@ pub enum ActionError {
     /// The action contradicts itself or its kind.
     #[error("the action is not valid: {0}")]
     Invalid(String),
-    /// A file of the action does not have the stated content.
-    #[error("`{}` does not have the digest {}", .path.display(), .digest.short())]
+    /// The content of a file does not match the digest that the action states.
+    #[error("the content of `{}` does not match the digest {}", .path.display(), .digest.short())]
     Content {
         /// The file.
         path: PathBuf,
         /// The stated digest.
         digest: Digest,
     },
-    /// The key that follows from the action is not the key that it states.
-    #[error("the action has the key {}, but states {}", .found.short(), .stated.short())]
+    /// The key that is computed from the action is not the key that the action states.
+    #[error("the key of the content of the action is {}, but the action states the key {}", .found.short(), .stated.short())]
     Key {
         /// The key in the action.
         stated: Digest,
-        /// The key that follows from the action.
+        /// The key that is computed from the action.
         found: Digest,
     },
     /// The node needs more memory than the budget allows.
@@ -64,7 +64,7 @@ pub enum ActionError {
     Memory {
         /// The kind of the node.
         kind: String,
-        /// Estimated need in bytes, with the inputs.
+        /// Estimated memory need in bytes, including the inputs.
         needs: u64,
         /// The budget in bytes.
         budget: u64,
@@ -77,7 +77,7 @@ pub enum ActionError {
         /// The error of the code.
         error: NodeError,
     },
-    /// The node cannot become an action, or an input of it is not known.
+    /// The node cannot become an action, for example because one of its inputs is not known.
     #[error("`{node}` cannot become an action: {why}")]
     Unsuitable {
         /// The name of the node.
@@ -85,8 +85,8 @@ pub enum ActionError {
         /// The reason.
         why: String,
     },
-    /// The outputs are not those of the action.
-    #[error("the outputs in `{}` are not used: {why}", .folder.display())]
+    /// The folder does not contain valid outputs of the action.
+    #[error("the outputs in `{}` cannot be used: {why}", .folder.display())]
     Outputs {
         /// The folder of the outputs.
         folder: PathBuf,

@@ -1,4 +1,4 @@
-//! The outputs of an action in a folder: written by the worker, verified by whoever takes them.
+//! The outputs of an action in a folder. The worker writes them; the process that takes them verifies them.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -14,16 +14,16 @@ use crate::value::artifact::decode_with;
 
 /// Name of the file that holds the entry.
 pub(crate) const ENTRY: &str = "entry";
-/// Name of the folder of values.
+/// Name of the folder that holds the values.
 pub(crate) const VALUES: &str = "values";
 /// Maximum length of an entry in bytes: the maximum of a record in the store.
 pub(crate) const LONGEST_ENTRY: u64 = 16 << 20;
 
-/// Writes the values of a node and then its entry. `values` has the name and the bytes of each stored output, in
-/// order.
+/// Writes the values of a node and then its entry. `values` contains the name and the bytes of each stored output,
+/// in the order of the outputs.
 ///
 /// # Errors
-/// If the folder already exists, or if something cannot be written or does not read back as written.
+/// If the folder already exists, or if a file cannot be written or read back without a difference.
 pub(crate) fn write(
     folder: &Path,
     key: Digest,
@@ -54,21 +54,21 @@ pub(crate) struct Outputs {
     pub record: Record,
     /// The record with its manifest, as in the store.
     pub encoded: Vec<u8>,
-    /// The stored values. Their number and order are those of the stored outputs of the record.
+    /// Digest and bytes of each stored output in the record, in the same order.
     pub values: Vec<(Digest, Vec<u8>)>,
 }
 
-/// Reads the outputs of a node with this key. Every file must be a regular file with the stated name, length and
-/// digest, every value must be one that the kind can read, and nothing else may be in the folder.
+/// Reads and verifies the outputs of a node with the key `key`. Every file must be a regular file with the stated
+/// name, length and digest, every value must be decodable, and the folder must not contain anything else.
 ///
 /// # Errors
-/// The first file that does not fit.
+/// For the first file that does not meet these conditions.
 pub(crate) fn read(folder: &Path, node: &Node, key: &Digest) -> Result<Outputs, ActionError> {
     let refused = |why: String| ActionError::Outputs { folder: folder.to_owned(), why };
     let inside = folder.join(VALUES);
     let found = listing(folder)?;
     if let Some(name) = found.keys().find(|name| ![ENTRY, VALUES].contains(&name.as_str())) {
-        return Err(refused(format!("`{name}` is not one of its files")));
+        return Err(refused(format!("the folder contains `{name}`, which is not a file of the outputs")));
     }
     let is_folder = |found: &Found| matches!(found, Found::Folder);
     if !found.get(VALUES).is_some_and(is_folder) {
@@ -79,7 +79,7 @@ pub(crate) fn read(folder: &Path, node: &Node, key: &Digest) -> Result<Outputs, 
             let path = folder.join(ENTRY);
             fs::read(&path).map_err(ActionError::io("read", &path))?
         }
-        Some(Found::File(_)) => return Err(refused(format!("`{ENTRY}` is too long"))),
+        Some(Found::File(_)) => return Err(refused(format!("the file `{ENTRY}` is too long"))),
         _ => return Err(refused(format!("`{ENTRY}` is not a file"))),
     };
     let entry = Entry::decode(&bytes, key).map_err(|error| refused(error.to_string()))?;
@@ -97,7 +97,9 @@ pub(crate) fn read(folder: &Path, node: &Node, key: &Digest) -> Result<Outputs, 
         match found.get(name) {
             Some(Found::File(found)) if found == length => {}
             Some(Found::File(found)) => {
-                return Err(refused(format!("`{VALUES}/{name}` has {found} bytes instead of {length}")));
+                return Err(refused(format!(
+                    "the length of `{VALUES}/{name}` is {found} bytes instead of {length}"
+                )));
             }
             _ => return Err(refused(format!("`{VALUES}/{name}` is not a file"))),
         }

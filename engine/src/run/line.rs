@@ -12,13 +12,15 @@ pub(crate) type Position = (usize, usize);
 pub(crate) struct Line {
     all: BTreeSet<Position>,
     short: BTreeSet<Position>,
-    /// Nodes with a forecast that are not short, by forecast. The first number has the order of the forecasts.
+    /// Nodes with a forecast that are not short, sorted by forecast. The first number of an element increases with
+    /// the forecast.
     long: BTreeSet<(u64, Position)>,
-    /// Nodes without a forecast by kind, each kind by work. The number has the order of the work.
+    /// Nodes without a forecast, by kind, and for each kind sorted by work. The first number of an element
+    /// increases with the work.
     untimed: BTreeMap<&'static str, BTreeSet<(u64, Position)>>,
 }
 
-/// A number with the order of `value`, which is zero if it is not positive.
+/// Maps a value to an integer that increases with the value. Values that are not positive are mapped to 0.
 fn ordered(value: f64) -> u64 {
     value.max(0.0).to_bits()
 }
@@ -66,8 +68,8 @@ impl Line {
         self.short.first().map(|place| place.1)
     }
 
-    /// The first node that may pass the nodes before it: a short node, else the node of a kind without a forecast
-    /// that has the least work, else the node with the shortest forecast. `may` decides whether a node may.
+    /// The first node that may overtake the nodes before it, as decided by `may`. Short nodes come first, then the
+    /// node with the least work of each kind without a forecast, then the node with the shortest forecast.
     pub fn first_small(&self, may: impl Fn(usize) -> bool) -> Option<usize> {
         let may = |place: &Position| may(place.1);
         let untimed = || {
@@ -84,7 +86,8 @@ impl Line {
         self.untimed.get(kind).into_iter().flatten().map(|(_, place)| place.1)
     }
 
-    /// Checks, in debug builds only, that the line consists of the nodes `wanted`. `time` returns the estimate of a node.
+    /// Checks, in debug builds only, that the line consists of the nodes `wanted`. `time` returns the estimate of a
+    /// node.
     pub fn check(&self, wanted: BTreeSet<Position>, time: impl Fn(usize) -> TimeEstimate) {
         let mut line = Self::default();
         wanted.iter().for_each(|place| line.insert(*place, &time(place.1)));

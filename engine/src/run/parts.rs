@@ -32,7 +32,8 @@ pub(crate) struct StoredParts {
 }
 
 impl StoredParts {
-    /// Storage for the parts of `node`, whose inputs have the digests `inputs`. Events are sent to `sender`.
+    /// Makes the storage for the parts of `node`, whose inputs have the digests `inputs`. Events are sent to
+    /// `sender`.
     pub fn new(
         node: &Node,
         store: Arc<Store>,

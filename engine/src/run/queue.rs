@@ -28,7 +28,8 @@ pub(crate) struct Parked {
 
 /// The nodes that are waiting for their turn, and the nodes that are running.
 pub(crate) struct Queue {
-    /// Number of nodes that may run whatever their time. Small nodes may run in addition; see [`Queue::most`].
+    /// Number of nodes that may run at once, regardless of their expected time. Small nodes may run in addition;
+    /// see [`Queue::most`].
     jobs: usize,
     /// Position of each node in topological order.
     rank: Vec<usize>,
@@ -50,7 +51,8 @@ impl Queue {
         Self { jobs, rank, ready, queued, parked: Vec::new(), supplied, running }
     }
 
-    /// Maximum number of nodes that run at once. One of them is short.
+    /// Maximum number of nodes that run at once, including small nodes. The last place is reserved for a short
+    /// node.
     pub fn most(jobs: usize) -> usize {
         2 * jobs + 2
     }
@@ -91,8 +93,9 @@ impl Queue {
         self.ready.insert(self.place(index), &slot.time);
     }
 
-    /// The next ready node, if one may be supplied at `now`: the first node if fewer are supplied than there are
-    /// threads, else a short node if none is supplied, else a node that may start at once, unless one is supplied.
+    /// The ready node to supply next; `None` if no node may be supplied at `now`. If fewer nodes are supplied than
+    /// there are threads, this is the first ready node. Otherwise it is the first short node, unless a short node
+    /// is already supplied; otherwise a small node that may start at once, unless such a node is already supplied.
     pub fn next_ready(&self, slots: &[Slot], now: Instant) -> Option<usize> {
         let supplied = || self.supplied.values();
         if supplied().len() < self.jobs {
@@ -123,8 +126,8 @@ impl Queue {
         self.queued.insert(self.place(index), &slot.time);
     }
 
-    /// The next queued node, if one may start at `now`: the first node if fewer run than there are threads, else a
-    /// small node.
+    /// The queued node to start next; `None` if no node may start at `now`. If fewer nodes run than there are
+    /// threads, this is the first queued node; otherwise it is a small node.
     pub fn next_queued(&self, slots: &[Slot], now: Instant) -> Option<usize> {
         if self.running.len() < self.jobs {
             return self.queued.first();

@@ -20,7 +20,7 @@ pub(crate) fn targets(
     if files.len() > 1 && !template.contains("{view}") {
         let views: Vec<&str> = files.iter().map(|file| file.view.as_str()).collect();
         let message = format!(
-            "`{template}` names one file, but the sink writes one for each view: {}",
+            "`{template}` names one file, but the sink writes one file for each view: {}",
             views.join(", ")
         );
         return Err(NodeError::new(message).at("path").hint("put `{view}` into the path"));
@@ -63,7 +63,9 @@ pub(crate) fn place(
     for (index, (path, wanted)) in targets.into_iter().enumerate() {
         if let Some(link) = confined.and_then(|out| link_below(out, &path)) {
             let what = format!("`{}` is a link, which could lead out of the output folder", link.display());
-            return Err(NodeError::new(what).at("path").hint("remove it, or choose another `--out`"));
+            return Err(NodeError::new(what)
+                .at("path")
+                .hint("remove the link, or choose another output folder with `--out`"));
         }
         let equal = store.digest_file(&path).is_ok_and(|(digest, _)| digest == wanted);
         if !equal {

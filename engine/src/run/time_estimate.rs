@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 const SHORT: f64 = 1.0;
 /// Time after which a node without a forecast counts as long.
 const TRIAL: Duration = Duration::from_secs(1);
-/// A node is much shorter than another if it is expected to take at most the inverse of this factor of its time.
+/// A node is much shorter than another if the other node is expected to take at least this many times as long.
 const MUCH_SHORTER: f64 = 10.0;
 
 /// The expected time of a node.

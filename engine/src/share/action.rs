@@ -16,9 +16,9 @@ use crate::run::engine::Engine;
 use crate::value::root::staged_name;
 
 impl Engine {
-    /// Writes everything that the code of a node reads into the new folder `folder`, so that another process or
-    /// machine can compute the node; see [`run_action`](Self::run_action). The results of the nodes that it reads
-    /// must be known. Returns the key of the node.
+    /// Creates the action folder `folder`, which contains everything that the code of a node reads, so that another
+    /// process or machine can compute the node; see [`run_action`](Self::run_action). The results of its input
+    /// nodes must be known. Returns the key of the node.
     ///
     /// # Errors
     /// If an input is not known or its value is not available, if two source files would have the same path in the
@@ -37,7 +37,9 @@ impl Engine {
         }
         match fate {
             Fate::Follows(input) => {
-                return Err(unsuitable(format!("the result of `{input}`, which it reads, is not known")));
+                return Err(unsuitable(format!(
+                    "the result of `{input}`, which the node reads, is not known"
+                )));
             }
             Fate::Fails(why) => return Err(unsuitable(why)),
             _ => {}
@@ -55,7 +57,7 @@ impl Engine {
             let known = files.insert(name.clone(), source.digest);
             if known.is_some_and(|known| known != source.digest) {
                 return Err(unsuitable(format!(
-                    "it reads two different files with the name `{name}`, which a link or `..` distinguishes"
+                    "the node reads two different files with the name `{name}`, whose paths differ only in a link or `..`"
                 )));
             }
         }
@@ -73,7 +75,7 @@ impl Engine {
             if !path.exists() {
                 let bytes = self.encoded(graph, wire, output(wire)).ok_or_else(|| {
                     let input = &graph.nodes[wire.node].id;
-                    unsuitable(format!("the value of `{input}`, which it reads, is not available"))
+                    unsuitable(format!("the value of `{input}`, which the node reads, is not available"))
                 })?;
                 publish_file(&path, &bytes)?;
             }

@@ -202,7 +202,7 @@ impl Recipe {
                             node.id
                         )
                     } else {
-                        format!("`{path}` is not the file that the picture was made from")
+                        format!("`{path}` is not the file from which the picture was made")
                     };
                     other.push(what);
                 }
@@ -217,4 +217,4 @@ impl Recipe {
 }
 
 /// Text appended to an error message if there were too many files to inspect.
-const CUT: &str = "(the folders of `--inputs` contain too many files to search; name smaller folders)";
+const CUT: &str = "(the folders of `--inputs` contain too many files to search; choose smaller folders)";

@@ -58,7 +58,7 @@ pub enum TextEditError {
     #[error("`{0}` is not a value in RON")]
     NotAValue(String),
     /// The value follows an axis, keys or a parameter.
-    #[error("`{field}` follows `{call}`; edit {how} in the text")]
+    #[error("`{field}` takes its value from `{call}`; edit {how} in the text")]
     Follows {
         /// Name of the field.
         field: String,
@@ -70,8 +70,11 @@ pub enum TextEditError {
 }
 
 /// The calls through which a field follows another part of the graph, and that part.
-const CALLS: [(&str, &str); 3] =
-    [("Axis", "the axis"), ("Track", "its keys"), ("Param", "the parameter in `parameters`, or the call,")];
+const CALLS: [(&str, &str); 3] = [
+    ("Axis", "the axis"),
+    ("Track", "the keys of `Track`"),
+    ("Param", "the parameter in `parameters`, or the call of the subgraph,"),
+];
 
 impl<'t> GraphText<'t> {
     /// Reads the structure of a text. Parts with mistakes are left out, so their values cannot be edited.
@@ -344,7 +347,7 @@ mod tests {
     #[test]
     fn what_cannot_be_edited_is_refused_with_the_reason() {
         let follows = edited("e", "yaw_deg", &[], "1.0").unwrap_err().to_string();
-        assert_eq!(follows, "`yaw_deg` follows `Axis(\"y\")`; edit the axis in the text");
+        assert_eq!(follows, "`yaw_deg` takes its value from `Axis(\"y\")`; edit the axis in the text");
         for path in [vec![], vec![Step::Index(0)], vec![Step::Index(0), Step::Index(1)]] {
             let error = edited("e", "at", &path, "1.0").unwrap_err();
             assert!(

@@ -252,13 +252,13 @@ fn preset<'t>(
     let mistake = Diagnostic::new(piece.span.clone(), format!("the graph has no preset `{}`", shown(name)));
     diagnostics.push(match known().next() {
         None => mistake.suggest(name, PRESETS).hint(format!(
-            "built-in presets are {}; own presets are declared next to `nodes`: `presets: (dark: (trace: (samples: 4)))`",
+            "the built-in presets are {}; further presets are declared next to `nodes`: `presets: (dark: (trace: (samples: 4)))`",
             PRESETS.join(", ")
         )),
         Some(_) => {
             let list: Vec<&str> = known().collect();
             mistake.suggest(name, known().chain(PRESETS)).hint(format!(
-                "its presets are {}; built-in presets are {}",
+                "the presets of the graph are {}; the built-in presets are {}",
                 list.join(", "),
                 PRESETS.join(", ")
             ))

@@ -209,8 +209,7 @@ pub(crate) fn ambiguous(name: &str, field: &RawField<'_>) -> Diagnostic {
     let field_name = shown(field.name);
     let what = format!("the block `{name}` and the node `{name}` both have a field `{field_name}`");
     Diagnostic::of(Code::UnknownField, field.name_span.clone(), what).label("ambiguous").hint(format!(
-        "write `nodes.{name}.{field_name}` for the field of the node, or `graph.{name}.{field_name}` for that of the block; \
-         in an overlay, `nodes.{name}: ({field_name}: ..)` or `graph.{name}: ({field_name}: ..)`"
+        "write `nodes.{name}.{field_name}` for the field of the node, or `graph.{name}.{field_name}` for the field of the block; in an overlay, `nodes.{name}: ({field_name}: ..)` or `graph.{name}: ({field_name}: ..)`"
     ))
 }
 

@@ -166,7 +166,7 @@ impl<'t> Scanner<'t> {
         self.at = start + 1 + line[..end].trim_end().len();
         self.report(
             Diagnostic::new(start..self.at, "unterminated string")
-                .label("a `\"` is missing at its end or its start"),
+                .label("a `\"` is missing at the end or the start of the string"),
         );
     }
 

@@ -121,7 +121,7 @@ fn use_of<'f, 't>(
 ) -> Result<Used<'f, 't>, Box<Diagnostic>> {
     let Some(field) = node.fields.iter().find(|field| field.name == FILE) else {
         let what = format!("`{SUBGRAPH}` needs `{FILE}`");
-        let how = "name the graph file, as in `graph: \"chair.ron\"`";
+        let how = "write the path of the graph file, such as `graph: \"chair.ron\"`";
         return Err(Diagnostic::of(Code::Missing, node.kind_span.clone(), what).label(how).into());
     };
     let Ok(path) = parse_value::<String>(field.text) else {
@@ -138,7 +138,7 @@ fn use_of<'f, 't>(
         match &around.used {
             Some((_, outer)) if depth <= DEEPEST => around = &scopes[*outer],
             Some(_) => {
-                let what = format!("subgraphs are nested more than {DEEPEST} deep");
+                let what = format!("subgraphs are nested more than {DEEPEST} levels deep");
                 return Err(Diagnostic::new(field.span.clone(), what).into());
             }
             None => return Ok(fill(node, file, document, depth)),
@@ -159,7 +159,8 @@ fn fill<'f, 't>(node: &RawNode<'t>, file: &'t str, document: &'f Document<'t>, d
             let what = format!("`{}` has no parameter `{}`", shown(file), shown(field.name));
             let list: Vec<&str> = known().collect();
             let hint = if list.is_empty() {
-                "it has no parameters; declare them next to `nodes`: `parameters: (yaw_deg: 0.0)`".to_owned()
+                "this subgraph has no parameters; declare them next to `nodes`: `parameters: (yaw_deg: 0.0)`"
+                    .to_owned()
             } else {
                 format!("its parameters are {}", list.join(", "))
             };
@@ -261,7 +262,7 @@ fn in_place_within<'t>(
         if out.len() > LONGEST {
             return Err(Diagnostic::new(
                 field.span.clone(),
-                "the field is too long after parameters are inserted",
+                "the text of the field is too long after the values of parameters are inserted",
             ));
         }
     }

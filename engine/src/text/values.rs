@@ -116,7 +116,7 @@ pub(crate) fn value_mistake(
         ron::Error::NoSuchStructField { found, expected, .. } => {
             mistake(format!("`{name}` has no field `{}`", shown(found)))
                 .suggest(found, expected.iter().copied())
-                .hint(format!("it has {}", expected.join(", ")))
+                .hint(format!("its fields are {}", expected.join(", ")))
         }
         ron::Error::MissingStructField { field, .. } => {
             mistake(format!("`{name}` needs `{field}`")).label(format!("expected {wanted}"))

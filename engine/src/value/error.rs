@@ -64,7 +64,7 @@ impl NodeError {
     pub fn message(&self) -> &str {
         match &self.kind {
             NodeErrorKind::Cancelled => "stopped",
-            NodeErrorKind::Busy(_) => "a part of it is being computed elsewhere",
+            NodeErrorKind::Busy(_) => "a part of the node is being computed elsewhere",
             NodeErrorKind::Failed(message) => message,
         }
     }

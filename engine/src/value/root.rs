@@ -155,8 +155,8 @@ const ABOVE: &str = "%up";
 const ROOT: &str = "%root";
 
 /// The path, relative to the stage of an action, of the file that a graph calls `name`. A relative name is relative
-/// to `folder`, which is itself such a path. The path has no `.` and no `..`: a folder that does not exist in the
-/// stage stands for each parent above it, and another for the root of the file system.
+/// to `folder`, which is itself such a path. The path contains no `.` or `..`. Each step to a parent above the
+/// stage is written as the placeholder folder [`ABOVE`], and the root of the file system as [`ROOT`].
 pub(crate) fn staged_name(folder: &str, name: &str) -> String {
     let mut path: Vec<String> = Vec::new();
     if name.starts_with('/') {

@@ -18,11 +18,11 @@ pub const MAX_GRAPH_BYTES: u64 = 64 << 20;
 pub fn read_text(path: &Path, limit: u64) -> Result<String> {
     let metadata = std::fs::metadata(path)?;
     if !metadata.is_file() {
-        let what = format!("it is {}, not a regular file", type_name(metadata.file_type()));
+        let what = format!("the path is {}, not a regular file", type_name(metadata.file_type()));
         return Err(Error::new(ErrorKind::InvalidInput, what));
     }
     let too_long = || {
-        let what = format!("it is longer than {} MiB, the limit for a graph file", limit >> 20);
+        let what = format!("the file is longer than {} MiB, the limit for a graph file", limit >> 20);
         Error::new(ErrorKind::FileTooLarge, what)
     };
     if metadata.len() > limit {
@@ -63,18 +63,18 @@ mod tests {
         std::fs::write(&path, [0xff]).expect("works");
         assert_eq!(read_text(&path, 5).expect_err("is refused").kind(), ErrorKind::InvalidData);
         let of = |path: &Path| read_text(path, 5).expect_err("is refused").to_string();
-        assert_eq!(of(folder.path()), "it is a folder, not a regular file");
+        assert_eq!(of(folder.path()), "the path is a folder, not a regular file");
         if cfg!(unix) {
-            assert_eq!(of(Path::new("/dev/zero")), "it is a device, not a regular file");
+            assert_eq!(of(Path::new("/dev/zero")), "the path is a device, not a regular file");
             let pipe = folder.path().join("pipe");
             assert!(std::process::Command::new("mkfifo").arg(&pipe).status().expect("works").success());
-            assert_eq!(of(&pipe), "it is a pipe, not a regular file");
+            assert_eq!(of(&pipe), "the path is a pipe, not a regular file");
         }
         // Sparse: nothing of it is read.
         File::create(&path).expect("works").set_len(1 << 40).expect("works");
         assert_eq!(
             read_text(&path, MAX_GRAPH_BYTES).expect_err("is refused").to_string(),
-            "it is longer than 64 MiB, the limit for a graph file"
+            "the file is longer than 64 MiB, the limit for a graph file"
         );
     }
 }

@@ -316,7 +316,7 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
             let new = self.files.follow(&paths);
             if let Some(why) = self.files.take_failure() {
                 let text = format!(
-                    "the system sends no notifications of changes ({why}); files are checked every {} ms",
+                    "the system does not report changes of files ({why}); files are checked every {} ms",
                     POLL.as_millis()
                 );
                 (self.emit)(Event::Warning { id: "watch-polls", text });

@@ -170,7 +170,7 @@ fn an_action_that_was_changed_is_refused() {
     });
     assert!(is_key(&error), "{error}");
     let error = changed(&|text| text.replace("format: 1,\n    key", "format: 99,\n    key"));
-    assert!(error.to_string().contains("its format is 99"), "{error}");
+    assert!(error.to_string().contains("the action has format 99"), "{error}");
     let error = changed(&|text| text.replace("version: 1", "version: 2"));
     assert!(error.to_string().contains("needs version 2 of `add`"), "{error}");
     let error = changed(&|text| text.replace("kind: \"add\"", "kind: \"multiply\""));
@@ -178,7 +178,7 @@ fn an_action_that_was_changed_is_refused() {
     let error = changed(&|text| text.replace("\"number\"", "\"numbers\""));
     assert!(error.to_string().contains("not `number` in format 1"), "{error}");
     let error = changed(&|text| text.replace("(\"terms\"", "(\"sums\""));
-    assert!(error.to_string().contains("its inputs are not those of `add`"), "{error}");
+    assert!(error.to_string().contains("the names of the inputs are not those of `add`"), "{error}");
     let error = changed(&|text| text.replace("parameters: [", "parameters: [(\"by\", \"2\"),"));
     assert!(error.to_string().contains("no parameter `by`"), "{error}");
 
@@ -224,7 +224,7 @@ fn outputs_that_were_changed_are_refused() {
         error.to_string()
     };
     let changes: [(&str, Change); 7] = [
-        ("is not one of its files", |out| std::fs::write(out.join("more"), "").unwrap()),
+        ("which is not a file of the outputs", |out| std::fs::write(out.join("more"), "").unwrap()),
         ("is not an output of", |out| std::fs::write(out.join("values/more"), "").unwrap()),
         ("`entry` is not a file", |out| std::fs::remove_file(out.join("entry")).unwrap()),
         ("`values` is not a folder", |out| {
@@ -261,7 +261,7 @@ fn outputs_that_were_changed_are_refused() {
     for at in 0..length {
         let bench = bench();
         flip(&first(&bench.lab.path("outputs")), at);
-        assert!(refused(&bench, "a value").contains("does not have the digest"));
+        assert!(refused(&bench, "a value").contains("does not match the digest"));
     }
     // An entry that was cut, or belongs to another action.
     let bytes = std::fs::read(whole.lab.path("outputs/entry")).unwrap();
@@ -289,7 +289,7 @@ fn a_node_that_cannot_become_an_action_says_why() {
     let graph =
         lab.parse(&graph_text("n: Number(), a: Slow(value: \"n\"), b: Scale(value: \"a\", by: 2)")).unwrap();
     let error = lab.engine().write_action(&graph, 2, &lab.path("action")).unwrap_err();
-    assert!(error.to_string().contains("the result of `a`, which it reads, is not known"), "{error}");
+    assert!(error.to_string().contains("the result of `a`, which the node reads, is not known"), "{error}");
     assert!(!lab.path("action").exists());
     lab.write("gone.txt", "1");
     let graph = lab.parse(&graph_text("a: LoadNumber(path: \"gone.txt\")")).unwrap();

@@ -159,7 +159,7 @@ fn mistakes_of_axes_have_their_place() {
         (
             yaw,
             r#"a: Number(value: Axis("yaw")), g: Gather(input: "a", over: []), s: Add(terms: "g"),"#,
-            &["`over` names no axis", "connect the node itself"],
+            &["`over` names no axis", "connect the node directly, without a `Gather`"],
         ),
         (
             r#"file: List(["a/b", "a_b"])"#,
@@ -230,7 +230,11 @@ fn a_number_of_cameras_that_is_not_known_is_a_mistake() {
             &["the cameras of `rig` cannot be counted: `c.txt` holds no digit", "write a digit"][..],
         ),
         ("f: Cameras(\"rg\")", "rig: Number,", &["no node is named `rg`", "did you mean `rig`?"]),
-        ("f: Cameras(\"rig\")", "rig: Number,", &["of `rig` is not known before it runs", "Range(0, 300)"]),
+        (
+            "f: Cameras(\"rig\")",
+            "rig: Number,",
+            &["of `rig` is not known before the node runs", "Range(0, 300)"],
+        ),
         (
             "f: Cameras(\"rig\")",
             r#"rig: LoadDigits(path: "a.txt", more: [Axis("f")]),"#,

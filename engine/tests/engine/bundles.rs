@@ -188,7 +188,7 @@ fn a_lock_reports_what_differs() {
     );
     let other = Lock { kinds: [("add".to_owned(), (2, "portable".to_owned()))].into(), ..known.clone() };
     let changed = known.differences(&other);
-    assert_eq!(changed.before, ["`add` is version 2 (portable), but the lock has version 1 (portable)"]);
+    assert_eq!(changed.before, ["`add` has version 2 (portable), but the lock has version 1 (portable)"]);
     let mut other = known.clone();
     other.results.get_mut("b").unwrap().insert("number".to_owned(), "0".repeat(64));
     assert!(

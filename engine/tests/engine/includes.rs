@@ -287,7 +287,7 @@ fn a_field_of_a_block_and_a_node_of_one_name_is_ambiguous() {
         assert!(
             mistakes.contains("the block `parameters` and the node `parameters` both have a field `value`")
                 && mistakes.contains("write `nodes.parameters.value` for the field of the node")
-                && mistakes.contains("or `graph.parameters.value` for that of the block"),
+                && mistakes.contains("or `graph.parameters.value` for the field of the block"),
             "{mistakes}"
         );
         lab.run_text(&set("graph.parameters.value=3"));
@@ -344,8 +344,11 @@ fn files_without_an_end_and_pipes_are_refused_and_named() {
     assert!(std::process::Command::new("mkfifo").arg(lab.path("pipe")).status().unwrap().success());
     // Sparse: a reader that took it whole would need 8 GiB.
     std::fs::File::create(lab.path("big.ron")).unwrap().set_len(8 << 30).unwrap();
-    let cases =
-        [("pipe", "it is a pipe"), ("/dev/zero", "it is a device"), ("big.ron", "longer than 64 MiB")];
+    let cases = [
+        ("pipe", "the path is a pipe"),
+        ("/dev/zero", "the path is a device"),
+        ("big.ron", "longer than 64 MiB"),
+    ];
     for (name, why) in cases {
         let include = with(&format!("[\"{name}\"]"), "a: Number(),");
         let subgraph = graph_text(&format!("a: Subgraph(graph: \"{name}\"),"));

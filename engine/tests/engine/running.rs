@@ -114,7 +114,7 @@ fn many_views_need_a_place_in_the_path() {
     assert_eq!((log.failed().as_str(), log.files().as_str()), ("w", ""));
     let text = log.failures();
     assert!(
-        text.contains("names one file, but the sink writes one for each view: left, b")
+        text.contains("names one file, but the sink writes one file for each view: left, b")
             && text.contains("put `{view}`"),
         "{text}"
     );

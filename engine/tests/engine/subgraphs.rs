@@ -263,7 +263,7 @@ fn bombs_and_circles_end_soon() {
         lab.write(&format!("parts/d{n}.ron"), &deep(n + 1));
     }
     let deep = lab.mistakes(&lab.set(&graph_text("a: Subgraph(graph: \"parts/d0.ron\")"), &[]));
-    assert!(deep.contains("more than 32 deep"), "{deep}");
+    assert!(deep.contains("more than 32 levels deep"), "{deep}");
     // Values that double thirty times, as text and as wires.
     let values = |text: &str| {
         let double = |n: usize| format!("p{}: {}", n + 1, text.replace('#', &format!("Param(\"p{n}\")")));

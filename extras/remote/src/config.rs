@@ -7,8 +7,8 @@ use serde::Deserialize;
 
 use crate::trust_error::TrustError;
 
-/// Settings in a file such as `Remote(address: "grpc://127.0.0.1:8980", write: true)`. Options of a command override
-/// them.
+/// Settings from a file with text such as `Remote(address: "grpc://127.0.0.1:8980", write: true)`. Options on the
+/// command line override them.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename = "Remote", deny_unknown_fields, default)]
 pub struct Config {
@@ -21,7 +21,7 @@ pub struct Config {
 }
 
 impl Config {
-    /// Reads the settings. A file that does not exist gives the defaults.
+    /// Reads the settings. If the file does not exist, returns the defaults.
     ///
     /// # Errors
     /// If the file cannot be read or is not valid.

@@ -2,9 +2,9 @@
 //!
 //! [`reapi::SharedCache`] reads results from a server, and stores new ones there.
 //!
-//! [`SecretKey`], [`TrustedKeys`] and [`signed`] decide which results of others are used: only those that a trusted
-//! key signed. The signature covers the key of the result and the digests of its values, so neither the server nor
-//! another of its users can change a result without being noticed.
+//! [`SecretKey`], [`TrustedKeys`] and [`signed`] decide which results of other users are used: only results that
+//! are signed by a trusted key. The signature covers the key of the result and the digests of its values, so a
+//! result that the server or another user has changed is detected.
 
 mod config;
 mod public_key;

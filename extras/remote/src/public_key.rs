@@ -12,12 +12,12 @@ use crate::trust_error::TrustError;
 /// Maximum length of a name in bytes.
 const LONGEST_NAME: usize = 64;
 
-/// A public key of Ed25519 with a name. The name is for people: two keys are equal if their bytes are. Written
-/// `NAME:BASE64`.
+/// A public key of Ed25519 with a name. The name is only for display: two keys are equal if their bytes are equal.
+/// The text form is `NAME:BASE64`.
 #[derive(Debug, Clone)]
 pub struct PublicKey {
     name: String,
-    /// A valid point of the curve.
+    /// The key, which is a valid point of the curve.
     bytes: [u8; 32],
 }
 
@@ -34,7 +34,7 @@ impl PublicKey {
         Self { name, bytes: key.to_bytes() }
     }
 
-    /// A key with these 32 bytes; `None` if the bytes or the name are not valid.
+    /// Makes a key from its 32 bytes; `None` if the bytes or the name are not valid.
     pub(crate) fn from_bytes(name: String, bytes: &[u8]) -> Option<Self> {
         let bytes = bytes.try_into().ok()?;
         let key = VerifyingKey::from_bytes(&bytes).ok()?;
@@ -79,7 +79,7 @@ impl FromStr for PublicKey {
     }
 }
 
-/// True if a key may have this name, which appears in files and in messages.
+/// True if a name is valid for a key. Names appear in files and in messages.
 pub(crate) fn is_name(name: &str) -> bool {
     let allowed = |byte: u8| byte.is_ascii_alphanumeric() || matches!(byte, b'.' | b'-' | b'_');
     (1..=LONGEST_NAME).contains(&name.len()) && name.bytes().all(allowed)

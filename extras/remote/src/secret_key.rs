@@ -11,12 +11,12 @@ use ed25519_dalek::{Signer, SigningKey};
 use crate::public_key::{PublicKey, is_name};
 use crate::trust_error::TrustError;
 
-/// First word of the file, so that a secret key cannot be mistaken for a public one.
+/// First word of the file. It prevents a secret key from being mistaken for a public key.
 const WORD: &str = "secret";
 /// Maximum length of the file in bytes.
 const LONGEST: u64 = 1024;
 
-/// A secret key of Ed25519 with its name. It has no text form except in its file, so that it cannot get into a
+/// A secret key of Ed25519 with its name. It has a text form only in its file, so that it cannot appear in a
 /// message or a log.
 pub struct SecretKey {
     name: String,
@@ -56,10 +56,10 @@ impl SecretKey {
         Ok(key)
     }
 
-    /// Reads a key from its file. On systems with permissions, the file must be closed to other users.
+    /// Reads a key from its file. On systems with file permissions, other users must not have access to the file.
     ///
     /// # Errors
-    /// If the file cannot be read, is not a key, or is open to other users.
+    /// If the file cannot be read or is not a key, or if other users have access to it.
     pub fn read(path: &Path) -> Result<Self, TrustError> {
         let file = File::open(path).map_err(TrustError::io("open", path))?;
         #[cfg(unix)]
@@ -72,8 +72,11 @@ impl SecretKey {
         let mut text = String::new();
         file.take(LONGEST).read_to_string(&mut text).map_err(TrustError::io("read", path))?;
         // The message must not contain the text.
-        let wrong =
-            || TrustError::Line { path: path.to_owned(), line: 1, why: "not a secret key".to_owned() };
+        let wrong = || TrustError::Line {
+            path: path.to_owned(),
+            line: 1,
+            why: "the line is not a secret key".to_owned(),
+        };
         let (word, rest) = text.trim_end().split_once(' ').ok_or_else(wrong)?;
         let (name, seed) = rest.split_once(':').ok_or_else(wrong)?;
         let seed: [u8; 32] =

@@ -1,9 +1,9 @@
 //! Signed entries: the form in which results are shared.
 //!
 //! A signed entry is `MAGIC`, the name and the 32 bytes of the public key, the 64 bytes of the signature, and the
-//! [`Entry`]. Each of these is preceded by its length. The signature is of Ed25519 over the text
-//! `lightharmony-record-1`, the key of the result, and the BLAKE3 digest of the entry. The entry contains the digests
-//! of the values, so it covers them as well.
+//! [`Entry`]. Each of these is preceded by its length. The Ed25519 signature covers the text
+//! `lightharmony-record-1`, the key of the result, and the BLAKE3 digest of the entry. Since the entry contains the
+//! digests of the values, the signature covers the values as well.
 
 use cache::Digest;
 use engine::{Corrupt, Decoder, Encoder, Entry};
@@ -13,26 +13,26 @@ use crate::secret_key::SecretKey;
 use crate::trusted_keys::{Standing, TrustedKeys};
 
 const MAGIC: &str = "lightharmony signed 1";
-/// Start of every signed message, so that a signature for another purpose is never one of an entry.
+/// Start of every signed message, so that a signature made for another purpose is never valid for an entry.
 const PURPOSE: &[u8] = b"lightharmony-record-1";
 
-/// The reason why an entry of others is not used.
+/// The reason why an entry from a server is not used.
 #[derive(Debug, thiserror::Error)]
 pub enum Distrust {
     /// The bytes are not a signed entry.
-    #[error("it is not signed")]
+    #[error("the entry is not signed")]
     Unsigned,
-    /// The key that signed it is not in the list of trusted keys.
-    #[error("it is signed by the key {name}, which is not trusted; if you trust its owner, run `lightharmony key trust {0}`", name = .0.name())]
+    /// The key that signed the entry is not in the list of trusted keys.
+    #[error("the entry is signed by the key {name}, which is not trusted; if you trust the owner of this key, run `lightharmony key trust {0}`", name = .0.name())]
     Unknown(PublicKey),
-    /// The key that signed it was revoked.
-    #[error("it is signed by the key {}, which was revoked", .0.name())]
+    /// The key that signed the entry was revoked.
+    #[error("the entry is signed by the key {}, which was revoked", .0.name())]
     Revoked(PublicKey),
-    /// The signature does not belong to the content.
-    #[error("its signature by the key {} is not valid", .0.name())]
+    /// The signature does not match the content.
+    #[error("the signature of the entry by the key {} is not valid", .0.name())]
     Forged(PublicKey),
-    /// The entry is damaged, or belongs to another key, although it is signed.
-    #[error("it is damaged: {0}")]
+    /// The signature is valid, but the entry is damaged or belongs to another result.
+    #[error("the entry is damaged: {0}")]
     Damaged(#[from] Corrupt),
 }
 
@@ -49,7 +49,7 @@ pub fn seal(entry: &Entry, by: &SecretKey) -> Vec<u8> {
     to.finish()
 }
 
-/// Reads the entry of `key`, if a trusted key signed it.
+/// Decodes the signed entry of the result with the key `key`, and checks that it is signed by a trusted key.
 ///
 /// # Errors
 /// The reason why the entry is not used.

@@ -1,4 +1,4 @@
-//! A small graph whose results tests share.
+//! A small graph for tests that share results.
 
 use std::sync::Arc;
 
@@ -28,9 +28,9 @@ impl Artifact for Numbers {
 }
 
 engine::params! {
-    /// Counts from 0.
+    /// Outputs the numbers from 0 to `to`.
     pub struct Count {
-        /// The number of numbers.
+        /// How many numbers to output.
         to: u32 = 4, range(0, 1e8), other("5");
     }
 }

@@ -1,9 +1,9 @@
-//! Errors of keys and of files that hold them.
+//! Errors in keys, and in files that contain keys.
 
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// An error of a key or of a file that holds keys.
+/// An error in a key, or in a file that contains keys.
 #[derive(Debug, thiserror::Error)]
 pub enum TrustError {
     /// A file cannot be read or written.
@@ -39,17 +39,19 @@ pub enum TrustError {
         why: String,
     },
     /// A text is not a public key.
-    #[error("`{0}` is not a public key; write NAME:KEY as `key new` prints it")]
+    #[error("`{0}` is not a public key; write NAME:KEY, as printed by `lightharmony key new`")]
     NoPublicKey(String),
     /// A name of a key is not valid.
     #[error(
-        "`{0}` is not a name for a key: write up to 64 letters, digits, `.`, `-` and `_`, such as `farm-1`"
+        "`{0}` is not a valid name for a key; use up to 64 letters, digits, `.`, `-` and `_`, such as `farm-1`"
     )]
     Name(String),
     /// The key was revoked.
-    #[error("`{0}` was revoked; a revoked key cannot be trusted again, make a new one with `key new`")]
+    #[error(
+        "`{0}` was revoked, and a revoked key cannot be trusted again; make a new key with `lightharmony key new`"
+    )]
     Revoked(String),
-    /// The operating system gives no random bytes.
+    /// The operating system does not provide random bytes.
     #[error("cannot get random bytes from the operating system: {0}")]
     Random(String),
 }

@@ -19,12 +19,12 @@ pub enum Standing {
     Trusted,
     /// The key is not in the list.
     Unknown,
-    /// The key was trusted, and its results are not used any more.
+    /// The key was revoked. Results signed by it are not used.
     Revoked,
 }
 
 /// A list of keys in a text file, with one key per line: `trust NAME:KEY`, or `revoke NAME:KEY`. Empty lines and
-/// lines that begin with `#` are ignored. A revocation holds wherever it is in the file.
+/// lines that begin with `#` are ignored. A revocation applies regardless of its position in the file.
 #[derive(Debug, Clone)]
 pub struct TrustedKeys {
     path: PathBuf,
@@ -34,10 +34,10 @@ pub struct TrustedKeys {
 }
 
 impl TrustedKeys {
-    /// Reads a list. A file that does not exist is an empty list.
+    /// Reads a list. If the file does not exist, the list is empty.
     ///
     /// # Errors
-    /// If the file cannot be read, or at its first line that is not valid.
+    /// If the file cannot be read, or if one of its lines is not valid. The error names the first such line.
     pub fn read(path: &Path) -> Result<Self, TrustError> {
         let text = match fs::read_to_string(path) {
             Ok(text) => text,
@@ -109,7 +109,7 @@ impl TrustedKeys {
         Ok(())
     }
 
-    /// The trusted keys with this name. Several keys may have one name.
+    /// The trusted keys with this name. Several keys may have the same name.
     pub fn named(&self, name: &str) -> Vec<&PublicKey> {
         let trusted = self.trusted.iter().filter(|key| self.standing(key) == Standing::Trusted);
         trusted.filter(|key| key.name() == name).collect()

@@ -49,7 +49,7 @@ export function scale(range, value, whole, unit) {
 export function field(param, value, edit, fixed) {
   const text = value.text ?? value.value ?? "";
   const follows = FOLLOWS.exec(text) ?? /\b(Axis|Track|Param)\s*\(/.exec(text);
-  const why = fixed ?? (param.is_path ? "Paths are edited in the text." : follows ? `It follows ${follows[1]}(..); edit that in the text.` : null);
+  const why = fixed ?? (param.is_path ? "Paths are edited in the text." : follows ? `The value comes from ${follows[1]}(..); edit it in the text.` : null);
   const head = el("div", { class: "head" }, el("b", {}, param.name),
     param.unit && el("span", { class: "unit" }, param.unit),
     param.range && Math.max(...param.range.map(Math.abs)) < 1e6 && el("span", { class: "unit" }, `${number(param.range[0])} to ${number(param.range[1])}`),

@@ -14,7 +14,7 @@ function reason(body) {
     case "confined": return "This graph belongs to an unpacked bundle, whose files are never written. Copy it into a folder of your own to edit it.";
     case "nothing": return "There is nothing to undo or redo.";
     case "invalid": return body.mistakes.map((one) => [one.message, one.label, ...(one.hints ?? [])].filter(Boolean).join("; ")).join("\n");
-    default: return `The server refused this (${body.code ?? "without a reason"}).`;
+    default: return `The server refused the request (${body.code ?? "without a reason"}).`;
   }
 }
 

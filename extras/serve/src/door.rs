@@ -1,14 +1,15 @@
 //! The checks that every request must pass before it is routed.
 //!
-//! A page of any web site, and any other local server, can send requests to this server through the browser of the
-//! user. The checks let only the page itself pass: it knows the token, which is only in the printed address.
+//! The page of any web site, and any other local server, can send requests to this server through the user's
+//! browser. Only requests from the live page pass the checks: only this page knows the token, which is part of the
+//! printed address.
 
 use axum::http::header::{CONTENT_TYPE, COOKIE, HOST, ORIGIN};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, Uri};
 use cache::Digest;
 
-/// Name of the header that the page adds to every POST. A page of another origin cannot add it without the consent
-/// of the server, which is never given.
+/// Name of the header that the page adds to every POST. A page of another origin cannot add this header without the
+/// consent of the server, which is never given.
 pub const CUSTOM: &str = "x-lightharmony";
 
 /// The reason why a request is refused.
@@ -24,29 +25,32 @@ const fn forbidden(why: &'static str) -> Refused {
     Refused { status: StatusCode::FORBIDDEN, why }
 }
 
-const HOST_UNKNOWN: Refused = forbidden("this server answers only at its own local address");
+const HOST_UNKNOWN: Refused = forbidden("this server answers only requests to its own local address");
 const OTHER_ORIGIN: Refused = forbidden("requests from other sites are refused");
-const NO_HEADER: Refused = forbidden("a change needs the header `X-Lightharmony: 1`");
+const NO_HEADER: Refused = forbidden("a request that makes a change needs the header `X-Lightharmony: 1`");
 const NO_COOKIE: Refused = Refused {
     status: StatusCode::UNAUTHORIZED,
     why: "open the address that `lightharmony watch --serve` printed; it contains the token",
 };
-const NO_JSON: Refused =
-    Refused { status: StatusCode::UNSUPPORTED_MEDIA_TYPE, why: "a change is sent as application/json" };
+const NO_JSON: Refused = Refused {
+    status: StatusCode::UNSUPPORTED_MEDIA_TYPE,
+    why: "a request that makes a change must have the content type application/json",
+};
 const METHOD: Refused =
-    Refused { status: StatusCode::METHOD_NOT_ALLOWED, why: "only GET and POST are answered" };
+    Refused { status: StatusCode::METHOD_NOT_ALLOWED, why: "only the methods GET and POST are supported" };
 
-/// The secret of a server, and the addresses at which it answers.
+/// The secret of a server, and the host names in requests that it answers.
 pub struct Door {
     token: String,
-    /// Value of the cookie. It is not the token itself, so that whoever sees the cookie cannot print the address.
+    /// Value of the cookie. It is not the token itself, so the address with the token cannot be derived from the
+    /// cookie.
     session: String,
     cookie: String,
     hosts: [String; 3],
 }
 
 impl Door {
-    /// The door of a server at `port` with the token `token`.
+    /// The checks of a server at `port` with the token `token`.
     pub fn new(token: String, port: u16) -> Self {
         let session = Digest::of(format!("session of {token}").as_bytes()).to_string();
         let hosts = ["127.0.0.1", "localhost", "[::1]"].map(|host| format!("{host}:{port}"));
@@ -105,12 +109,12 @@ impl Door {
     }
 }
 
-/// Compares digests of the texts, so that the time does not depend on where they differ.
+/// Compares two texts by their digests, so that the time does not depend on the position of the first difference.
 fn equal(a: &str, b: &str) -> bool {
     Digest::of(a.as_bytes()) == Digest::of(b.as_bytes())
 }
 
-/// The value of a header that is there once.
+/// The value of a header; `None` if the request does not have exactly one header with this name.
 fn only<'h>(headers: &'h HeaderMap, name: &HeaderName) -> Option<&'h str> {
     let mut values = headers.get_all(name).iter();
     let value = values.next()?.to_str().ok()?;

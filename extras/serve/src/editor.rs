@@ -1,4 +1,4 @@
-//! Edits of the graph file, one at a time, each conditional on the text that the client has seen.
+//! Edits of the graph file, one at a time. An edit is refused if the file has changed since the client read it.
 
 use std::collections::BTreeSet;
 use std::io;
@@ -28,7 +28,7 @@ pub struct Edit {
     /// Path to a value inside the value of the field: indices of lists and groups, names of fields.
     #[serde(default)]
     pub at: Vec<At>,
-    /// The new value in RON; `null` removes the field, so that it has its default.
+    /// The new value in RON. `null` removes the field from the text, so that the field has its default.
     pub value: Option<String>,
 }
 
@@ -46,7 +46,7 @@ pub enum At {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(tag = "code", rename_all = "lowercase")]
 pub enum Refused {
-    /// The file has another text than the client has seen.
+    /// The text of the file is not the text that the client has seen.
     Stale {
         /// Digest of the current text.
         digest: String,
@@ -60,10 +60,10 @@ pub enum Refused {
     Confined,
     /// The value cannot be edited here.
     Fixed {
-        /// Text for the user, with the remedy.
+        /// Text for the user, which includes a remedy.
         why: String,
     },
-    /// The graph would have mistakes.
+    /// The edited graph would have mistakes.
     Invalid {
         /// The mistakes, with their positions in the edited text.
         mistakes: Vec<Mistake>,
@@ -97,7 +97,7 @@ pub struct Edited {
     pub whole: Option<String>,
 }
 
-/// Digest of a text, as clients name it.
+/// Digest of a text, in the form that clients send.
 pub fn digest_of(text: &str) -> String {
     Digest::of(text.as_bytes()).to_string()
 }
@@ -133,8 +133,8 @@ impl Editor {
         })
     }
 
-    /// Applies an edit to the current text, without writing it. `graph` is the graph that the client has seen; `tried`
-    /// is true if it has a value for this field that is only tried.
+    /// Applies an edit to the current text, without writing it. `graph` is the graph that the client has seen;
+    /// `tried` is true if this graph has a trial value for the field.
     ///
     /// # Errors
     /// [`Refused`].
@@ -147,7 +147,7 @@ impl Editor {
         let change = match value {
             Some(value) if value.len() > MAX_VALUE => {
                 return Err(fixed(format!(
-                    "a value has at most {MAX_VALUE} bytes; edit longer ones in the text"
+                    "the value is longer than {MAX_VALUE} bytes; edit it in the text"
                 )));
             }
             Some(value) => document.set(node, field, &steps, value)?,
@@ -181,7 +181,7 @@ impl Editor {
         Ok(())
     }
 
-    /// Takes the last change back, whether the page or another program made it.
+    /// Undoes the last change, whether the page or another program made it.
     ///
     /// # Errors
     /// [`Refused`]; the file then has its old content.
@@ -194,7 +194,7 @@ impl Editor {
         Ok(())
     }
 
-    /// Makes the change again that was taken back last.
+    /// Repeats the change that was undone last.
     ///
     /// # Errors
     /// [`Refused`]; the file then has its old content.
@@ -256,7 +256,8 @@ impl At {
     }
 }
 
-/// The nodes of the graph that one node of the file defines: itself, or its instances along axes.
+/// The nodes of the graph that one node of the file defines: one node, or one instance for each combination of axis
+/// values.
 fn instances<'g>(graph: &'g Graph, name: &str) -> impl Iterator<Item = usize> + use<'g> {
     let name = name.to_owned();
     let is = move |node: &engine::Node| {

@@ -16,10 +16,10 @@ use crate::live::{Live, Message};
 
 /// Maximum number of connected pages.
 const MOST_CLIENTS: usize = 16;
-/// Interval of comments that keep the connection open and detect that it is gone.
+/// Interval between the comments that keep a connection open and detect that it was closed.
 const ALIVE: Duration = Duration::from_secs(10);
 
-/// A connected page. When the last one leaves, values that were only tried are dropped.
+/// A connected page. When the last page disconnects, trial values are dropped.
 struct Client(Arc<Live>);
 
 impl Client {
@@ -47,11 +47,11 @@ struct Following {
     number: u64,
 }
 
-/// The whole state, and then every event. A page that reads slowly gets the whole state again instead of the events
-/// that it has missed, so nothing queues up for it.
+/// The whole state, followed by every event. A page that reads too slowly gets the whole state again instead of the
+/// events that it has missed, so the queue of a page stays short.
 pub fn events(live: &Arc<Live>) -> Response {
     let Some(client) = Client::enter(live) else {
-        let why = format!("there are {MOST_CLIENTS} pages already; close one");
+        let why = format!("{MOST_CLIENTS} pages are open already; close one of them");
         return (StatusCode::SERVICE_UNAVAILABLE, why).into_response();
     };
     let (first, receiver) = live.subscribe();

@@ -1,9 +1,10 @@
-//! The history of the text of one graph: every change, by the page or by another program, so that it can be undone,
-//! and the results that belonged to earlier texts.
+//! The history of one graph: the changes of its text, made by the page or by other programs, so that they can be
+//! undone, and the results of earlier texts.
 //!
-//! The history is a file of JSON lines, which is only appended to. It begins with a text; the lines after it are
-//! changes of this text. A line that is not complete, for instance after a power failure, ends the history, which is
-//! then written again. If the file cannot be written, the history is kept in memory and this is reported.
+//! The history is a file of JSON lines, to which lines are appended. The first line is a text; the next lines are
+//! changes of this text. If a line is incomplete, for instance after a power failure, that line and all lines after
+//! it are ignored, and the file is written again. If the file cannot be written, the history is kept in memory and
+//! this is reported.
 
 use std::collections::BTreeMap;
 use std::fs::{self, OpenOptions};
@@ -20,7 +21,8 @@ const MOST_CHANGES: usize = 1000;
 const MOST_BYTES: usize = 16 << 20;
 /// Maximum number of earlier results.
 const MOST_SHOTS: usize = 50;
-/// Length of the file in bytes from which it is written again without what is not needed.
+/// If the length of the file reaches this number of bytes, the file is written again without changes and results
+/// that are no longer needed.
 const COMPACT: u64 = 32 << 20;
 
 /// A change of the text.
@@ -68,12 +70,12 @@ impl Change {
         self.removed.len() + self.added.len()
     }
 
-    /// The text after the change; `None` if `text` is not the text before it.
+    /// Applies the change to `text`; `None` if `text` is not the text before the change.
     pub fn redo(&self, text: &str) -> Option<String> {
         replaced(text, self.start, &self.removed, &self.added)
     }
 
-    /// The text before the change; `None` if `text` is not the text after it.
+    /// Removes the change from `text`; `None` if `text` is not the text after the change.
     pub fn undo(&self, text: &str) -> Option<String> {
         replaced(text, self.start, &self.added, &self.removed)
     }
@@ -94,7 +96,7 @@ pub struct Shot {
     pub label: String,
     /// Time in seconds since 1970.
     pub seconds: u64,
-    /// Type and digest of each value that can be shown, by node and output: `final.image`.
+    /// Type and digest of each value that can be shown, by the name of its output, such as `final.image`.
     pub values: BTreeMap<String, (String, String)>,
 }
 
@@ -122,8 +124,8 @@ pub struct History {
 }
 
 impl History {
-    /// Opens the history in `file`. If it ends with another text than `text`, another program has changed the
-    /// graph, which becomes a change of the history.
+    /// Opens the history in `file`. If the last text in the history is not `text`, another program has changed the
+    /// graph, and this change is added to the history.
     pub fn open(file: Option<PathBuf>, text: &str) -> Self {
         let stored = file.as_deref().and_then(|file| fs::read(file).ok());
         let (text, file, whole) = (text.to_owned(), file, true);
@@ -140,7 +142,7 @@ impl History {
         history
     }
 
-    /// Applies stored lines. Returns false if some of them were not complete.
+    /// Applies stored lines. Returns false if one of them is incomplete.
     fn replay(&mut self, stored: &[u8]) -> bool {
         let mut lines = stored.split_inclusive(|byte| *byte == b'\n');
         let line =
@@ -177,17 +179,17 @@ impl History {
         self.problem.as_deref()
     }
 
-    /// The change that `undo` would take back.
+    /// The change that `undo` would undo.
     pub fn last(&self) -> Option<&Change> {
         self.done.checked_sub(1).map(|last| &self.changes[last])
     }
 
-    /// The change that `redo` would make.
+    /// The change that `redo` would repeat.
     pub fn next(&self) -> Option<&Change> {
         self.changes.get(self.done)
     }
 
-    /// Numbers of changes that can be undone and redone.
+    /// The number of changes that can be undone, and the number of changes that can be redone.
     pub fn depth(&self) -> (usize, usize) {
         (self.done, self.changes.len() - self.done)
     }
@@ -207,12 +209,12 @@ impl History {
         }
     }
 
-    /// The text before the last change; `None` if there is nothing to undo.
+    /// The text after undoing the last change; `None` if there is nothing to undo.
     pub fn undone(&self) -> Option<String> {
         self.last()?.undo(&self.text)
     }
 
-    /// The text after the next change; `None` if there is nothing to redo.
+    /// The text after redoing the next change; `None` if there is nothing to redo.
     pub fn redone(&self) -> Option<String> {
         self.next()?.redo(&self.text)
     }
@@ -224,7 +226,7 @@ impl History {
         }
     }
 
-    /// Records that the next change was made again.
+    /// Records that the next change was redone.
     pub fn redo(&mut self) {
         if self.step(true).is_some() {
             self.append(&Line::Redo);
@@ -327,7 +329,7 @@ fn private(options: &mut OpenOptions) -> &mut OpenOptions {
     options
 }
 
-/// Writes a file that only its owner may read, completely or not at all.
+/// Writes a file that only its owner may read. If this fails, an existing file is unchanged.
 pub fn write_private(path: &Path, bytes: &[u8]) -> io::Result<()> {
     if let Some(folder) = path.parent() {
         fs::create_dir_all(folder)?;
@@ -343,7 +345,7 @@ pub fn now() -> u64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs())
 }
 
-/// The name of the files about one graph in a folder for all graphs, which depends on its path.
+/// File name for the data of one graph in a folder that all graphs share. It depends on the path of the graph.
 pub fn name_of(graph: &Path) -> String {
     Digest::of(graph.as_os_str().as_encoded_bytes()).to_string()[..32].to_owned()
 }

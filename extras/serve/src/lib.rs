@@ -1,10 +1,10 @@
-//! The live page: a local HTTP server that shows a watched graph in a browser, with editors that write single values
-//! back into its text.
+//! The live page: a local HTTP server that shows a watched graph in a browser, with editors that write single
+//! values back into its text.
 //!
-//! The text file is the only source of truth. The page reads the events of the watch, the checked graph and values by
-//! digest. An edit replaces the bytes of one value, through [`engine::GraphText`], only if the file still has the
-//! text that the page has shown. The server has no state that a restart would lose: the history of edits, the port and
-//! the token are files in a folder next to the cache.
+//! The text file is the only source of truth. The page reads the events of the watch, the checked graph and values
+//! by digest. An edit replaces the bytes of one value, through [`engine::GraphText`], only if the file still has
+//! the text that the page has shown. The server has no state that a restart would lose: the history of edits, the
+//! port and the token are files in a folder next to the cache.
 //!
 //! # Requests
 //! | request | answer |
@@ -19,15 +19,15 @@
 //! | `POST /set` `{digest, node, field, at, value}` | writes a value into the text |
 //! | `POST /try`, same body or `null` | uses a value for the next runs without writing it, or ends that |
 //! | `POST /plan`, same body | the nodes that would run, and the forecast of their time |
-//! | `POST /undo`, `/redo` `{digest}` | takes the last change of the text back, or makes it again |
+//! | `POST /undo`, `/redo` `{digest}` | undoes the last change of the text, or redoes the change that was undone last |
 //!
 //! # Security
-//! Other web sites and other local servers can send requests to this server through the browser of the user. The
-//! server listens on the loopback interface only, answers only requests that name its exact address as host, needs a
+//! Other web sites and other local servers can send requests to this server through the user's browser. The server
+//! listens on the loopback interface only, answers only requests that name its exact address as host, needs a
 //! cookie that is given for the token in the printed address, and refuses changes that do not come from its own
-//! origin (see `door`). It writes only the graph that is watched, never that of an unpacked bundle, and no request
-//! contains a path. The page inserts text from graphs as text only, and its content security policy forbids inline
-//! scripts.
+//! origin (see `door`). It writes only the file of the watched graph, and never a graph of an unpacked bundle. No
+//! request contains a path. The page inserts text from graphs as text only, and its content security policy forbids
+//! inline scripts.
 
 mod assets;
 mod door;

@@ -15,15 +15,16 @@ use crate::history::{Shot, now};
 use crate::state::State;
 use crate::values::{Decoded, Shown};
 
-/// Number of messages that a slow client may be behind. A client that is further behind gets the whole state instead.
+/// Maximum number of messages that a client may lag behind. A slower client gets the whole state instead.
 const BEHIND: usize = 256;
 
 /// A message to the pages.
 #[derive(Debug)]
 pub struct Message {
-    /// Number of the message; the state has the number of the last message that it contains.
+    /// Number of the message. A message with the whole state has the number of the last message whose content it
+    /// includes.
     pub number: u64,
-    /// JSON text.
+    /// Content of the message, as JSON.
     pub data: String,
 }
 
@@ -39,7 +40,7 @@ pub struct Live {
     path: PathBuf,
     state: Mutex<State>,
     editor: Mutex<Editor>,
-    /// Settings that are tried out without being written, by node and field.
+    /// Trial values, which are not written to the file, by node and field.
     tried: Mutex<BTreeMap<(String, String), String>>,
     number: AtomicU64,
     sender: broadcast::Sender<Arc<Message>>,
@@ -50,7 +51,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl Live {
-    /// The data of a page about the graph file `path`.
+    /// The data for a page that shows the graph file `path`.
     pub fn new(engine: Arc<Engine>, handle: Handle, path: PathBuf, door: Door, editor: Editor) -> Self {
         Self {
             engine,
@@ -67,7 +68,7 @@ impl Live {
         }
     }
 
-    /// Sends a message to all pages. The caller holds the lock of the state, so that messages are in order.
+    /// Sends a message to all pages. The caller must hold the lock of the state, so that messages are in order.
     fn send(&self, data: &Value) {
         let number = self.number.fetch_add(1, Ordering::Relaxed) + 1;
         // Without pages, nobody receives it.
@@ -112,12 +113,12 @@ impl Live {
         self.send(&json!({"event": "history", "history": history}));
     }
 
-    /// The state as `read` sees it.
+    /// Calls `read` with the state, and returns its result.
     pub fn with_state<T>(&self, read: impl FnOnce(&State) -> T) -> T {
         read(&lock(&self.state))
     }
 
-    /// Takes a graph that the watch has read.
+    /// Receives a graph that the watch has read.
     pub fn loaded(&self, load: &Load) {
         let text = {
             // With the lock, since a text that was read before an edit of the page would count as a later change.
@@ -152,7 +153,7 @@ impl Live {
         self.send_history();
     }
 
-    /// Takes an event of the watch.
+    /// Receives an event of the watch.
     pub fn show(&self, event: &Event) {
         let mut state = lock(&self.state);
         let graph = state.graph.clone();
@@ -201,13 +202,13 @@ impl Live {
         })
     }
 
-    /// Writes an edit into the file.
+    /// Applies an edit to the file.
     pub fn set(&self, edit: &Edit) -> Result<Value, Refused> {
         let (graph, tried) = (self.graph()?, self.is_tried(edit));
         self.write(|editor| editor.set(&graph, edit, tried))
     }
 
-    /// Takes the last change back (`undo`), or makes it again.
+    /// Undoes the last change (`undo`), or repeats the change that was undone last.
     pub fn step(&self, digest: &str, undo: bool) -> Result<Value, Refused> {
         let graph = self.graph()?;
         self.write(|editor| if undo { editor.undo(&graph, digest) } else { editor.redo(&graph, digest) })
@@ -225,23 +226,26 @@ impl Live {
         Ok(json!({"digest": digest}))
     }
 
-    /// Tries a value without writing it: the next runs use it until [`end_try`](Self::end_try) or an edit.
+    /// Sets a trial value, which is not written to the file. Runs use it until [`end_try`](Self::end_try) is called
+    /// or an edit is made.
     pub fn try_value(&self, edit: &Edit) -> Result<Value, Refused> {
         let (graph, tried) = (self.graph()?, self.is_tried(edit));
         let Edited { whole, .. } = lock(&self.editor).edited(&graph, edit, tried)?;
-        let whole = whole.ok_or_else(|| Refused::Fixed { why: "a value to try is needed".to_owned() })?;
+        let whole = whole.ok_or_else(|| Refused::Fixed {
+            why: "the request does not contain a value to try".to_owned(),
+        })?;
         lock(&self.tried).insert((edit.node.clone(), edit.field.clone()), whole);
         self.look();
         Ok(json!({"tried": true}))
     }
 
-    /// True if a value of the field is tried. An overlay of the command line on the field was refused when the trial
-    /// began.
+    /// True if the field has a trial value. Edits of such a field are not checked for overlays on the command line,
+    /// since this was done when the trial began.
     fn is_tried(&self, edit: &Edit) -> bool {
         lock(&self.tried).contains_key(&(edit.node.clone(), edit.field.clone()))
     }
 
-    /// Ends the trial of values.
+    /// Drops the trial values.
     pub fn end_try(&self) -> Value {
         let tried = std::mem::take(&mut *lock(&self.tried));
         if !tried.is_empty() {
@@ -250,7 +254,7 @@ impl Live {
         json!({"tried": false})
     }
 
-    /// The values that are tried, as settings of the command line.
+    /// The trial values, in the form of `--set` options.
     pub fn tried(&self) -> Vec<String> {
         lock(&self.tried).iter().map(|((node, field), value)| format!("{node}.{field}={value}")).collect()
     }
@@ -270,13 +274,13 @@ impl Live {
         Ok(json!({"nodes": nodes, "forecast": engine::Forecast::of(&plan)}))
     }
 
-    /// Makes the watch read the graph.
+    /// Makes the watch read the graph again.
     fn look(&self) {
         self.handle.hint(vec![self.path.clone()]);
     }
 
-    /// The value with a digest, if the graph has it now, had it before, or had it in a recorded run. Values of other graphs in the
-    /// same cache are not given.
+    /// The value with a digest, if it is or was a value of this graph, now, recently or in a recorded run. Values
+    /// of other graphs in the same cache are never returned.
     pub fn value(&self, digest: &str) -> Option<Arc<Shown>> {
         let parsed = Digest::from_hex(digest)?;
         let current = self.with_state(|state| {

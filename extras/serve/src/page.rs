@@ -22,20 +22,20 @@ use crate::routes::router;
 pub struct Options {
     /// Path of the graph file.
     pub graph: PathBuf,
-    /// The port; `None` for the port of the last time, or any free port.
+    /// The port; `None` for the port that was used last, or any free port.
     pub port: Option<u16>,
     /// Folder of the history of edits and of the address; `None` to keep them in memory only.
     pub folder: Option<PathBuf>,
 }
 
-/// A server of the page. It ends when this is dropped.
+/// The server of a page. Dropping this value stops the server.
 pub struct Page {
     live: Arc<Live>,
     stop: Option<oneshot::Sender<()>>,
     thread: Option<JoinHandle<()>>,
 }
 
-/// The address of a page, kept so that an open page reconnects after a restart.
+/// The port and the token of a page, kept in a file so that an open page can reconnect after a restart.
 #[derive(Serialize, Deserialize)]
 struct Address {
     port: u16,
@@ -52,7 +52,7 @@ impl Address {
 }
 
 impl Page {
-    /// Starts the server for a watch. The watch calls [`loaded`](Self::loaded) and [`show`](Self::show).
+    /// Starts the server for a watch, which must call [`loaded`](Self::loaded) and [`show`](Self::show).
     ///
     /// # Errors
     /// [`Error`], for instance if the port is in use.
@@ -109,8 +109,8 @@ impl Page {
         self.live.show(event);
     }
 
-    /// The settings that are tried on the page without being in the text, such as `pose.yaw_deg=30.0`. The watch
-    /// applies them to the graph when it reads it.
+    /// The trial values of the page, which are not in the text, such as `pose.yaw_deg=30.0`. The watch applies them
+    /// each time it reads the graph.
     pub fn tried(&self) -> Vec<String> {
         self.live.tried()
     }

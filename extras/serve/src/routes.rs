@@ -77,7 +77,7 @@ async fn guard(State(live): Shared, request: Request, next: Next) -> Response {
 async fn file(request: Request) -> Response {
     match assets::file(request.uri().path()) {
         Some((kind, content)) => ([(header::CONTENT_TYPE, kind)], content).into_response(),
-        None => missing("there is nothing at this address"),
+        None => missing("there is no page at this address"),
     }
 }
 
@@ -111,7 +111,7 @@ async fn answer<T: DeserializeOwned + Send + 'static>(
             };
             (status, Json(refused)).into_response()
         }
-        Err(_) => failed("the request ended in an error of this program"),
+        Err(_) => failed("the request failed because of an internal error"),
     }
 }
 
@@ -171,10 +171,10 @@ async fn step(State(live): Shared, body: Bytes, undo: bool) -> Response {
     answer(live, body, move |live, Seen { digest }| live.step(&digest, undo)).await
 }
 
-/// Header of a value, which never changes.
+/// Cache header of the responses that contain a value. A value never changes.
 const IMMUTABLE: (HeaderName, &str) = (header::CACHE_CONTROL, "private, max-age=31536000, immutable");
 
-const GONE: &str = "this value is not in the cache any more, or belongs to another graph";
+const GONE: &str = "this value is no longer in the cache, or belongs to another graph";
 
 async fn describe(State(live): Shared, Path(digest): Path<String>) -> Response {
     let described = move || live.value(&digest).map(|shown| json!(shown.description()));
@@ -223,14 +223,14 @@ async fn picture(
 ) -> Response {
     let Some(Display { exposure, size }) = Display::read(&query.unwrap_or_default()) else {
         return malformed(
-            &"a picture takes `exposure`, between -64 and 64 stops, and `size`, at least 1 pixel",
+            &"a picture takes the parameters `exposure`, from -64 to 64 stops, and `size`, at least 1 pixel",
         );
     };
     let form = name
         .split_once('.')
         .and_then(|(number, form)| Some((number.parse::<usize>().ok()?, form.to_owned())));
     let Some((number, form)) = form.filter(|(_, form)| ["png", "f32", "f16"].contains(&form.as_str())) else {
-        return missing("a picture is named `0.png`, `0.f32` or `0.f16`");
+        return missing("a picture must have a name such as `0.png`, `0.f32` or `0.f16`");
     };
     let tag = format!("\"{digest}-{name}-{exposure}-{}\"", size.unwrap_or_default());
     let bytes = move || {

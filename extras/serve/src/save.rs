@@ -1,4 +1,4 @@
-//! Replaces the text of a graph file, completely or not at all.
+//! Atomic replacement of the text of a graph file.
 
 use std::fs::{self, OpenOptions};
 use std::io::{self, Write};
@@ -11,13 +11,13 @@ const SUFFIX: &str = ".lightharmony-temp";
 /// A reason why a file was not replaced. The file is unchanged.
 #[derive(Debug, thiserror::Error)]
 pub enum SaveError {
-    /// The file does not have the expected text any more.
+    /// The file no longer has the expected text.
     #[error("another program saved the file in the meantime")]
     Changed,
     /// The file was deleted.
     #[error("the file was deleted or moved")]
     Gone,
-    /// The disk, or the quota of the user, is full.
+    /// The disk is full, or the user's quota is used up.
     #[error("the disk is full")]
     Full,
     /// Any other error of the system.
@@ -37,8 +37,8 @@ impl From<io::Error> for SaveError {
     }
 }
 
-/// Replaces the text `expected` of a file with `text`, through a temporary file in its folder that is then renamed.
-/// A symbolic link stays, and the file keeps its permissions.
+/// Replaces the text `expected` of a file with `text`, by renaming a temporary file in the same folder. If the path
+/// is a symbolic link, the target of the link is replaced. The file keeps its permissions.
 ///
 /// # Errors
 /// [`SaveError`]. The file then has its old content.
@@ -55,7 +55,7 @@ pub fn replace(path: &Path, expected: &str, text: &str) -> Result<(), SaveError>
     Ok(())
 }
 
-/// A file that is removed when dropped.
+/// A file that is removed when this value is dropped.
 struct TempFile(PathBuf);
 
 impl TempFile {
@@ -73,7 +73,7 @@ impl TempFile {
         }
     }
 
-    /// Gives the file the permissions of `target`, and then its text.
+    /// Gives the file the permissions of `target`, and then writes `text` to it.
     fn fill(&self, target: &Path, text: &str) -> io::Result<()> {
         fs::set_permissions(&self.0, fs::metadata(target)?.permissions())?;
         let mut file = OpenOptions::new().write(true).open(&self.0)?;

@@ -79,9 +79,9 @@ pub struct Output {
 /// State of the graph and of its run.
 #[derive(Default)]
 pub struct State {
-    /// The last graph without mistakes.
+    /// The last graph that had no mistakes.
     pub graph: Option<SharedGraph>,
-    /// Indices of its targets; empty for the default targets.
+    /// Indices of the targets of this graph; empty for the default targets.
     pub only: Vec<usize>,
     /// Text of the graph file when it was read last; empty if it could not be read.
     pub text: String,
@@ -89,7 +89,7 @@ pub struct State {
     pub digest: String,
     /// Mistakes of this text, or of the run.
     pub mistakes: Vec<Mistake>,
-    /// Text about a graph that cannot be read.
+    /// The reason why the graph cannot be read.
     pub problem: Option<String>,
     nodes: BTreeMap<String, NodeState>,
     running: bool,
@@ -98,12 +98,12 @@ pub struct State {
     done: Option<Value>,
     files: BTreeMap<String, Value>,
     warnings: Vec<String>,
-    /// Digest and type of the values that outputs had before, the oldest first: a page may still ask for a value that
-    /// was replaced a moment ago.
+    /// Digest and type of earlier values of outputs, the oldest first. They are kept because a page may still
+    /// request a value that was replaced a moment ago.
     recent: VecDeque<(String, &'static str)>,
 }
 
-/// Maximum number of earlier values that are given.
+/// Maximum number of earlier values that pages may request.
 const MOST_RECENT: usize = 1000;
 /// Maximum number of warnings that are kept.
 const MOST_WARNINGS: usize = 20;
@@ -132,8 +132,8 @@ impl State {
         self.files.retain(|_, file| file["id"].as_str().is_some_and(|id| known.contains(&id)));
     }
 
-    /// Updates the state by an event of the watch. `outputs` returns the outputs of a result by its key. Returns the
-    /// JSON of the event with the new state of its node.
+    /// Updates the state from an event of the watch. `outputs` returns the outputs of a result by its key. Returns
+    /// the JSON of the event with the new state of its node.
     pub fn update(
         &mut self,
         event: &Event,
@@ -236,7 +236,8 @@ impl State {
         Some(json)
     }
 
-    /// Looks for the outputs of results that were not in the store before. Returns an event for each that is found.
+    /// Looks again for the outputs of results that were not yet in the store. Returns an event for each node whose
+    /// outputs are found.
     pub fn settle(&mut self, outputs: impl Fn(&str, &Digest) -> Option<Vec<StoredOutput>>) -> Vec<Value> {
         let mut events = Vec::new();
         for (id, node) in &mut self.nodes {
@@ -249,7 +250,7 @@ impl State {
         events
     }
 
-    /// True if some outputs of results are not known yet.
+    /// True if the outputs of some results are not known yet.
     pub fn is_pending(&self) -> bool {
         self.nodes.values().any(|node| node.pending.is_some())
     }
@@ -275,7 +276,7 @@ impl State {
         })
     }
 
-    /// The type of a value that an output had before.
+    /// The type of an earlier value with this digest.
     pub fn recent(&self, digest: &str) -> Option<&'static str> {
         self.recent.iter().rev().find(|(known, _)| known == digest).map(|(_, type_name)| *type_name)
     }
@@ -286,7 +287,7 @@ impl State {
     }
 }
 
-/// Remembers values that are no longer current.
+/// Adds values that are no longer current to the earlier values.
 fn replaced(recent: &mut VecDeque<(String, &'static str)>, outputs: &[Output]) {
     recent.extend(outputs.iter().map(|output| (output.digest.clone(), output.type_name)));
     let surplus = recent.len().saturating_sub(MOST_RECENT);
@@ -303,7 +304,7 @@ fn listed(outputs: Vec<StoredOutput>) -> Vec<Output> {
     outputs.into_iter().map(output).collect()
 }
 
-/// A text without the colour codes of terminals.
+/// Removes the colour codes of terminals from a text.
 pub fn plain(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     let mut rest = text;

@@ -1,4 +1,4 @@
-//! Values as pictures: what they contain, for display as PNG, and as raw numbers.
+//! Values for the page: their descriptions, and their pictures as PNG or as raw samples.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -15,7 +15,7 @@ use serde::Serialize;
 /// Types of values that can be shown.
 pub const SHOWN: [&str; 6] = ["image", "views", "pano", "env", "brackets", "report"];
 
-/// Maximum memory of decoded values, in bytes. The last one is kept in any case.
+/// Maximum memory of decoded values, in bytes. The last value is kept even if it is larger.
 const MEMORY: usize = 512 << 20;
 
 /// A decoded value.
@@ -40,14 +40,14 @@ struct PictureDescription<'a> {
     height: usize,
     channels: usize,
     encoding: &'static str,
-    /// Least and greatest finite sample.
+    /// Minimum and maximum of the finite samples.
     low: f32,
     high: f32,
 }
 
 impl Shown {
-    /// Reads a value of type `type_name`. `wire` is the output that has the value now, from which a value that is not
-    /// stored is computed again. `None` if the value is gone or cannot be shown.
+    /// Reads a value of type `type_name`. `wire` is the output that has the value now, from which a value that is
+    /// not stored is computed again. `None` if the value is gone or cannot be shown.
     pub fn read(
         engine: &Engine,
         type_name: &str,
@@ -122,15 +122,15 @@ pub fn floats(picture: &Picture) -> Vec<u8> {
     picture.samples().iter().flat_map(|v| v.to_le_bytes()).collect()
 }
 
-/// The samples as little-endian half floats, in the layout of [`floats`]. The relative error is at most 2^-11 between
-/// 6.1e-5 and 65504; larger values become infinite.
+/// The samples as little-endian half floats, in the layout of [`floats`]. The relative error is at most 2^-11
+/// between 6.1e-5 and 65504; larger values become infinite.
 pub fn halves(picture: &Picture) -> Vec<u8> {
     picture.samples().iter().flat_map(|v| half::f16::from_f32(*v).to_le_bytes()).collect()
 }
 
 /// A PNG for display, as `lightharmony show` writes it: linear light is multiplied by 2^`exposure` and encoded with
-/// the sRGB curve, numbers are stretched from black to white, normals are colours. If `size` is given, the picture is
-/// made smaller, so that no side is longer.
+/// the sRGB curve, numbers are stretched from black to white, normals are colours. If `size` is given, the picture
+/// is reduced so that no side is longer than `size` pixels.
 ///
 /// # Errors
 /// If the PNG cannot be encoded.
@@ -184,7 +184,7 @@ pub fn png(picture: &Picture, exposure: f32, size: Option<usize>) -> Result<Vec<
     write_for(&raster, Packing::Fast, Some(Space::Srgb), &[], Progress::UNTRACKED)
 }
 
-/// The values that were decoded last.
+/// The most recently decoded values.
 #[derive(Default)]
 pub struct Decoded(Mutex<Vec<(Digest, Arc<Shown>)>>);
 

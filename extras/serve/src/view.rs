@@ -69,7 +69,8 @@ fn kind(kind: &KindEntry) -> Value {
 
 fn node(graph: &Graph, document: &GraphText<'_>, text: &str, index: usize) -> Value {
     let node = &graph.nodes[index];
-    // An instance along axes is defined by the node of the file without its axis values.
+    // An instance along axes is defined by the node of the file that has the name of the instance without the axis
+    // values.
     let name =
         if node.point.is_empty() { node.id.as_str() } else { node.id.split('/').next().unwrap_or(&node.id) };
     let values = node.values().into_iter().map(|(field, value)| {
@@ -109,8 +110,8 @@ fn wires(graph: &Graph) -> Value {
     all.into()
 }
 
-/// For each column its entries, each as (node, true if only wires pass there), and the segments between columns.
-/// `null` for a graph that is too large to draw.
+/// The layout: for each column, its entries, each as (node, true if only wires pass through the entry), and the
+/// segments between columns. `null` if the graph is too large to draw.
 fn layout(graph: &Graph) -> (Value, Value) {
     let Some(columns) = Columns::of(graph) else { return (Value::Null, Value::Null) };
     let entries = columns

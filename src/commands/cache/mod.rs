@@ -88,7 +88,7 @@ impl Cache {
         let looks = matches!(&self.verb, Verb::Stat | Verb::Verify | Verb::Gc(Gc { dry_run: true, .. }));
         let store = Store::open(&folder, Options { read_only: looks, ..Options::default() })?;
         if let Some(why) = store.why_read_only().filter(|_| !looks) {
-            print(&format!("the cache cannot be written ({why}); it is left as it is\n"))?;
+            print(&format!("the cache cannot be written ({why}), so nothing was changed\n"))?;
             return Ok(1);
         }
         match self.verb {
@@ -142,7 +142,7 @@ fn check(store: &Store, repair: bool) -> Result<u8, Error> {
         (true, _) => "nothing is damaged\n",
         (false, true) => "the damaged results were moved aside; the next run that needs them recomputes them\n",
         (false, false) => {
-            "a run that needs a damaged result recomputes it; `lightharmony cache repair` moves all of them aside now\n"
+            "a run that needs a damaged result recomputes it; `lightharmony cache repair` moves all damaged results aside now\n"
         }
     });
     print(&text)?;
@@ -171,7 +171,7 @@ impl Gc {
         print(&text)?;
         let too_much = limits.max_size.is_some_and(|most| gone.after > most && most > 0);
         if too_much {
-            terminal::error("the pinned results are larger than the limit");
+            terminal::error("the pinned results, which are kept, exceed the limit");
         }
         Ok(u8::from(too_much))
     }

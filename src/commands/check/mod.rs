@@ -17,7 +17,7 @@ use crate::terminal;
 pub struct Check {
     #[command(flatten)]
     graph: GraphArgs,
-    /// One JSON object per line on standard output: the mistakes, or a line that reports that there are none
+    /// Print one JSON object per line on standard output: the mistakes, or a line that reports that there are none
     #[arg(long)]
     pub json: bool,
 }

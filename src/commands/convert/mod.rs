@@ -32,8 +32,8 @@ pub struct Convert {
     /// Keep the coordinates as stored, even if the formats define different up axes
     #[arg(long, conflicts_with = "up")]
     as_stored: bool,
-    /// Write SPZ version 4. The default is version 3, which every reader supports, or version 4 if the scene has
-    /// harmonics of degree 4
+    /// Write SPZ version 4. The default is version 3, which all readers of SPZ support; it is version 4 if the
+    /// scene has harmonics of degree 4
     #[arg(long)]
     spz4: bool,
     #[command(flatten)]
@@ -110,7 +110,7 @@ fn check_output(input: &Path, output: &Path) -> Result<(), NodeError> {
             "the output `{}` is the same file as the input",
             output.display()
         ))
-        .hint("name another output file"));
+        .hint("choose another output file"));
     }
     let folder = output.parent().filter(|folder| !folder.as_os_str().is_empty());
     let Some(folder) = folder.filter(|folder| !folder.is_dir()) else { return Ok(()) };

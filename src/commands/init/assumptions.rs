@@ -95,7 +95,7 @@ pub fn list(survey: &Survey, graph: &str, path: &Path) -> String {
     let size = s.extents.size().max_element();
     let units = length(size / s.metres_per_unit * s.arranged.scale, digits);
     if s.arranged.fitted && is_known(&s.standing.stand) {
-        let text = format!("scaled by {} to {units} units, to fit", number(s.arranged.scale));
+        let text = format!("scaled by {} to {units} units, so that it fits", number(s.arranged.scale));
         line("size", text, None, "pose:");
     } else {
         line("size", format!("unchanged from its file: {size:.2} m, which is {units} units"), None, "pose:");
@@ -118,12 +118,15 @@ pub fn list(survey: &Survey, graph: &str, path: &Path) -> String {
         Sky::Missing(share) => {
             let (share, albedo) = (percent(share), number(ALBEDO));
             let text = format!(
-                "{share} of the upper half shows nothing; a white sky was assumed there, as bright as a ground of albedo {albedo} requires"
+                "{share} of the upper half of the panorama shows nothing; a white sky was assumed there, which gives the ground an albedo of {albedo}"
             );
             line("light", text, None, "env:");
         }
         Sky::Unknown(share) => {
-            let text = format!("NOT KNOWN, because {} of the upper half shows nothing", percent(share));
+            let text = format!(
+                "NOT KNOWN, because {} of the upper half of the panorama shows nothing",
+                percent(share)
+            );
             line("light", text, None, "env:");
         }
     }

@@ -106,7 +106,7 @@ fn near(s: &Survey) -> String {
 /// Writes how to use the graph, and its first lines.
 fn head(o: &mut Lines) {
     o.line(
-        "// An object in a captured place, written by `lightharmony init`. It runs as it is; after an edit, run it again:",
+        "// An object in a captured place, written by `lightharmony init`. Run this graph, edit it, and run it again:",
     );
     o.line("// only what the edit affects is computed.");
     o.line("//");
@@ -125,7 +125,7 @@ fn scene(o: &mut Lines, s: &Survey) {
             "The capture is tilted: `matrix` below rotates it so that this axis points up."
         }
         UpBy::Measured => "The up axis was measured.",
-        UpBy::Format => "The up axis is that of the file format.",
+        UpBy::Format => "The up axis is defined by the file format.",
         UpBy::Guessed => {
             "The up axis is a GUESS: if the picture is tilted or upside down, write \"+z\", \"+y\" or \"-y\" here."
         }
@@ -136,7 +136,7 @@ fn scene(o: &mut Lines, s: &Survey) {
     } else {
         let fitted = if arranged.fitted { " With this value the object fits." } else { "" };
         format!(
-            "`metres_per_unit` is NOT KNOWN: measure something of known length, and write its length in metres divided by its length in units.{fitted}"
+            "`metres_per_unit` is NOT KNOWN: choose an object whose length you know, and write its length in metres divided by its length in units.{fitted}"
         )
     };
     o.line(&format!("    // {scale}"));
@@ -203,7 +203,7 @@ fn mesh(o: &mut Lines, s: &Survey) {
         }
     }
     o.line(
-        "        // Moves the object down or up onto the mesh; for an object that hangs, wire `pose` to `placed` instead.",
+        "        // Moves the object down or up onto the mesh. If the object hangs, write `pose: \"pose\"` in `placed` instead.",
     );
     let reach = one_digit((0.6 * height(s) * s.metres_per_unit).max(0.02));
     o.line(&format!(
@@ -266,7 +266,7 @@ fn light(o: &mut Lines, s: &Survey) {
         Sky::Seen => o.line("        env:    FuseHdr(base: \"pano\", brackets: \"dark\"),"),
         Sky::Missing(share) => {
             o.line(&format!(
-                "        // {} of the upper half shows nothing, and the rest is too dark for the bright ground. `ground_albedo`",
+                "        // {} of the upper half of `pano` shows nothing, and the rest is too dark for the bright ground. `ground_albedo`",
                 percent(share)
             ));
             o.line(
@@ -279,7 +279,7 @@ fn light(o: &mut Lines, s: &Survey) {
         }
         Sky::Unknown(share) => {
             o.line(&format!(
-                "        // {} of the upper half shows nothing, so the light is UNKNOWN and the object may be dark. A panorama gives light:",
+                "        // {} of the upper half of `pano` shows nothing, so the light is UNKNOWN and the object may be dark. To light it, write",
                 percent(share)
             ));
             o.line("        // env: LoadEnvironment(path: \"sky.hdr\"), in place of the line below.");

@@ -46,7 +46,7 @@ const README: &str = "\
 # An object in a place
 
     lightharmony run graph.ron          # writes out/picture.png
-    lightharmony plan graph.ron         # what a run would compute, why, about how long
+    lightharmony plan graph.ron         # what a run would compute, why, and how long it would take
     lightharmony explain graph.ron save # why a node runs
 
 Edit `graph.ron` and run it again: only what the edit affects is computed. `lightharmony nodes` lists the kinds of nodes,

@@ -223,7 +223,7 @@ fn photo(path: &Path, files: &Files<'_>, cameras: Option<&Rig>) -> Result<Photo,
     let camera = cameras.into_iter().flat_map(|rig| &rig.cameras).find(|camera| camera.name == name);
     let camera = camera.ok_or_else(|| {
         NodeError::new(format!("no camera of `--cameras` has the name of the photograph, `{name}`")).hint(
-            "`--photo` must be an undistorted picture of the capture, and the file must contain its camera",
+            "`--photo` must be an undistorted picture of the capture, and `--cameras` must contain the camera of this picture",
         )
     })?;
     Ok(Photo { path: relative(files.folder, path)?, camera: camera.name.clone() })

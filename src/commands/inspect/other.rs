@@ -19,7 +19,7 @@ pub(super) fn other(path: &Path, bytes: &[u8]) -> Option<String> {
     let ends_with = |end: &str| path.extension().is_some_and(|own| own.eq_ignore_ascii_case(end));
     if is_picture(bytes) {
         return Some(
-            "a picture, which `load-image` reads, or `load-environment` and `load-panorama` if it is a panorama"
+            "a picture; `load-image` reads it, or `load-environment` and `load-panorama` if it is a panorama"
                 .into(),
         );
     }

@@ -42,7 +42,7 @@ impl Ruler {
 
     fn extent(self, extent: &Extent) -> String {
         let (min, max) = (self.vector(extent.min), self.vector(extent.max));
-        format!("{min} to {max}, {} across", self.length(extent.diagonal()))
+        format!("{min} to {max}, diagonal {}", self.length(extent.diagonal()))
     }
 }
 
@@ -59,14 +59,14 @@ impl Lines {
         let Some(floor) = floor else {
             return self.line(
                 "up, guessed",
-                "not found: no plane contains more of the surface than expected by chance".to_owned(),
+                "not found: no plane contains more of the surface area than expected by chance".to_owned(),
             );
         };
         let (axis, sign) = (&floor.up[1..], if floor.up.starts_with('-') { -1.0 } else { 1.0 });
         self.line(
             "up, guessed",
             format!(
-                "{}{} with confidence {:.2} (second best: {}); floor at {axis} = {}, {:.0} % of the surface lies in it",
+                "{}{} with confidence {:.2} (second best: {}); floor at {axis} = {}, which contains {:.0} % of the surface area",
                 if floor.is_clear() { "" } else { "not clear: " },
                 floor.up,
                 floor.confidence,
@@ -82,15 +82,15 @@ impl Lines {
         let [x, y, z] = level.up;
         let up = level.axis().map_or_else(|| format!("({x:.4}, {y:.4}, {z:.4})"), str::to_owned);
         let sure = if level.is_sure() { "sure" } else { "not sure" };
-        self.line("up, measured", format!("{up}, {sure} ({:.2})", level.confidence));
-        let ceiling = level
-            .ceiling
-            .map_or_else(String::new, |c| format!(", ceiling {} above it", ruler.length(c - level.floor)));
+        self.line("up, measured", format!("{up}, {sure} (confidence {:.2})", level.confidence));
+        let ceiling = level.ceiling.map_or_else(String::new, |c| {
+            format!(", ceiling {} above the floor", ruler.length(c - level.floor))
+        });
         let sure = if level.is_floor_sure() { "sure" } else { "not sure" };
         self.line(
             "floor",
             format!(
-                "{} along up{ceiling}, {sure} ({:.2})",
+                "{} along the up axis{ceiling}, {sure} (confidence {:.2})",
                 ruler.length(level.floor),
                 level.floor_confidence
             ),
@@ -98,7 +98,7 @@ impl Lines {
         let scale = &level.scale;
         let metres = scale.metres_per_unit.map_or_else(
             || format!("not known: {}", scale.reason),
-            |m| format!("{m:.3} m per unit ({:.2}): {}", scale.confidence, scale.reason),
+            |m| format!("{m:.3} m per unit (confidence {:.2}): {}", scale.confidence, scale.reason),
         );
         self.line("scale", metres);
     }
@@ -128,9 +128,9 @@ pub fn person(answer: &Answer<'_>) -> String {
 
 fn of_picture(text: &mut Lines, picture: &picture::Inspection) {
     let picture::Inspection { width, height, channels, encoding, peak, mean } = picture;
-    text.line("picture", format!("{width}x{height} pixels, {channels} channels, {encoding}"));
+    text.line("picture", format!("{width}x{height} pixels, channels: {channels}, {encoding}"));
     if let Some(peak) = peak {
-        let place = format!("at ({}, {})", peak.x, peak.y);
+        let place = format!("at pixel ({}, {})", peak.x, peak.y);
         text.line("brightest", format!("{}, {place}", picture::brightness(peak.luminance)));
     }
     if let Some(mean) = mean {
@@ -142,7 +142,7 @@ fn of_picture(text: &mut Lines, picture: &picture::Inspection) {
 
 fn of_mesh(text: &mut Lines, mesh: &mesh::Inspection, declared_up: Option<&str>) {
     text.line("mesh", format!("triangles: {}, vertices: {}", mesh.triangles, mesh.vertices));
-    text.line("colours", if mesh.coloured { "of the vertices" } else { "none" }.to_owned());
+    text.line("colours", if mesh.coloured { "per vertex" } else { "none" }.to_owned());
     let ruler = Ruler::of(mesh.bounds.map_or(0.0, |bounds| bounds.diagonal()));
     if let Some(bounds) = &mesh.bounds {
         text.line("bounds", ruler.extent(bounds));
@@ -151,7 +151,7 @@ fn of_mesh(text: &mut Lines, mesh: &mesh::Inspection, declared_up: Option<&str>)
     text.line(
         "closed",
         if mesh.is_closed() {
-            "yes (every edge has two consistently oriented triangles)".to_owned()
+            "yes (every edge is shared by two consistently oriented triangles)".to_owned()
         } else {
             format!(
                 "no (open edges: {}, edges with more than two triangles or with inconsistent orientation: {})",
@@ -163,7 +163,7 @@ fn of_mesh(text: &mut Lines, mesh: &mesh::Inspection, declared_up: Option<&str>)
         text.line(
             "up",
             format!(
-                "{up}, defined by its format; `LoadMesh` rotates it to the world if `frame: Gltf` is set"
+                "{up}, defined by the file format; `LoadMesh` rotates the mesh to the up axis of the graph if `frame: Gltf` is set"
             ),
         );
     }
@@ -173,7 +173,7 @@ fn of_mesh(text: &mut Lines, mesh: &mesh::Inspection, declared_up: Option<&str>)
 
 fn of_splats(text: &mut Lines, scene: &Inspection, declared_up: Option<&str>) {
     text.line("splats", scene.splats.to_string());
-    let trained = if scene.antialiased { ", trained antialiased" } else { "" };
+    let trained = if scene.antialiased { ", trained with antialiasing" } else { "" };
     text.line(
         "colours",
         format!("spherical harmonics of degree {}, {}{trained}", scene.sh_degree, scene.encoding),
@@ -185,15 +185,16 @@ fn of_splats(text: &mut Lines, scene: &Inspection, declared_up: Option<&str>) {
         text.line("median", ruler.vector(centre));
     }
     if let Some(up) = declared_up {
-        let turned = "`LoadSplats` rotates it to the world unless `frame: AsStored` is set";
-        text.line("up", format!("{up}, defined by its format; {turned}"));
+        let turned =
+            "`LoadSplats` rotates the splats to the up axis of the graph unless `frame: AsStored` is set";
+        text.line("up", format!("{up}, defined by the file format; {turned}"));
     }
     text.level(scene.level.as_ref(), ruler);
     if let Some(sizes) = &scene.sizes {
         text.line(
             "sizes",
             format!(
-                "median {:.2e}, 99 % below {:.2e}, largest {:.2e}; {:.0} % are flat, {:.1} % are needles",
+                "longest axis (standard deviation): median {:.2e}, 99 % below {:.2e}, maximum {:.2e}; flat splats: {:.0} %, needles: {:.1} %",
                 sizes.median_longest,
                 sizes.p99_longest,
                 sizes.longest,
@@ -206,7 +207,7 @@ fn of_splats(text: &mut Lines, scene: &Inspection, declared_up: Option<&str>) {
         text.line(
             "opacities",
             format!(
-                "median {:.3}; {:.0} % are above 0.95, {:.0} % are too faint to be drawn",
+                "median {:.3}; above 0.95: {:.0} % of the splats; too low to be drawn: {:.0} %",
                 opacities.median,
                 opacities.opaque * 100.0,
                 opacities.unseen * 100.0

@@ -1,4 +1,4 @@
-//! `key`: the keys that sign results, and those that are trusted.
+//! `key`: the user's signing key, and the list of trusted keys.
 
 use std::path::PathBuf;
 
@@ -17,7 +17,7 @@ pub struct Key {
 
 #[derive(Debug, Subcommand)]
 enum Verb {
-    /// Make your key and print its public part, which others pass to `key trust`
+    /// Make your key and print its public part, which other users pass to `key trust`
     New {
         /// Name of the key, such as anna-1
         name: String,
@@ -32,7 +32,7 @@ enum Verb {
         /// The public key, such as anna-1:BASE64
         key: String,
     },
-    /// Do not use results that are signed by this key any more; this cannot be taken back
+    /// Stop using results that are signed by this key; this cannot be undone
     Revoke {
         /// The public key, or the name of a trusted key
         key: String,
@@ -53,7 +53,10 @@ impl Key {
                 // Own results come back from a server as those of others do.
                 trusted.trust(&public)?;
                 terminal::print(&format!("{public}\n"))?;
-                terminal::remark(&format!("the secret key is in `{}`; it is trusted here", path.display()));
+                terminal::remark(&format!(
+                    "the secret key is in `{}`; results that it signs are trusted on this machine",
+                    path.display()
+                ));
             }
             Verb::Show => {
                 let public = SecretKey::read(&secret_key_file()?)?.public();
@@ -78,7 +81,7 @@ impl Key {
     }
 }
 
-/// The key that is written out, or the trusted key with this name.
+/// The key that `text` stands for: a whole public key, or the name of a trusted key.
 fn named(trusted: &TrustedKeys, text: &str) -> Result<PublicKey, Error> {
     if text.contains(':') {
         return Ok(text.parse()?);
@@ -86,6 +89,6 @@ fn named(trusted: &TrustedKeys, text: &str) -> Result<PublicKey, Error> {
     match trusted.named(text).as_slice() {
         [key] => Ok((*key).clone()),
         [] => Err(Error::usage(format!("no trusted key is named `{text}`; `key list` prints all keys"))),
-        _ => Err(Error::usage(format!("several trusted keys are named `{text}`; write the whole key"))),
+        _ => Err(Error::usage(format!("several trusted keys are named `{text}`; pass the whole key"))),
     }
 }

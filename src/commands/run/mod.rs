@@ -47,7 +47,7 @@ pub struct Run {
     /// Write a trace of all threads, for chrome://tracing or Perfetto
     #[arg(long, value_name = "FILE")]
     trace: Option<PathBuf>,
-    /// One JSON object per line on standard output
+    /// Print one JSON object per line on standard output
     #[arg(long)]
     pub json: bool,
     /// Also print cached nodes, counts, and all notes of nodes
@@ -80,7 +80,8 @@ impl Run {
             let sets_error =
                 |set: &&String| set.split('=').next().is_some_and(|f| f.trim().ends_with(".max_error"));
             if let Some(set) = self.graph.set.iter().find(sets_error) {
-                let text = format!("`--max-error` and `--set {set}` both set an error; remove one of them");
+                let text =
+                    format!("`--max-error` and `--set {set}` both set `max_error`; remove one of them");
                 return Err(Error::usage(text));
             }
             let chosen;

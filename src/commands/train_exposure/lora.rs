@@ -11,7 +11,7 @@ use crate::terminal::training::Follow;
 
 /// Arguments of the training of a LoRA.
 #[derive(Debug, Args)]
-#[command(next_help_heading = "With --backend flux-kontext")]
+#[command(next_help_heading = "Options of --backend flux-kontext")]
 pub struct TrainLora {
     /// The transformer of Flux.1 Kontext: safetensors (or its first shard) or GGUF
     #[arg(long, default_value = "flux1-kontext-dev.safetensors")]
@@ -37,7 +37,9 @@ impl TrainLora {
     /// Trains on `panoramas` and writes `out`. Returns exit code 130 if it is interrupted.
     pub fn run(&self, panoramas: &[PathBuf], out: &Path, seed: u64, steps: u64) -> Result<u8, String> {
         if !(self.width.is_multiple_of(32) && self.rate > 0.0 && self.rate <= 1.0) {
-            return Err("`--width` must be a multiple of 32, and `--rate` above 0 and at most 1".to_owned());
+            return Err(
+                "`--width` must be a multiple of 32, and `--rate` must be above 0 and at most 1".to_owned()
+            );
         }
         let plan = LoraPlan {
             transformer: self.transformer.clone(),

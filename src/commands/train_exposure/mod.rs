@@ -29,7 +29,7 @@ pub struct TrainExposure {
     /// Number of networks whose predictions are averaged
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u64).range(1..=64))]
     members: u64,
-    /// Number of folds of the cross-validation, which never splits the panoramas of one place; 0 for no
+    /// Number of folds of the cross-validation; panoramas of the same place are always in the same fold. 0 means no
     /// cross-validation
     #[arg(long, default_value_t = 6, value_parser = clap::value_parser!(u64).range(0..=64))]
     folds: u64,
@@ -162,7 +162,7 @@ fn table(of: &str, scores: &[Score]) -> String {
     }
     let mut text = String::new();
     if of.is_empty() {
-        text += "cross-validated by place, |log2 error| in stops   mean  median\n";
+        text += "cross-validation by place: absolute error, stops   mean  median\n";
     }
     let mut row = |name: &str, value: &dyn Fn(&Score) -> f64| {
         let mut values: Vec<f64> = scores.iter().map(|score| value(score).abs()).collect();
@@ -171,9 +171,9 @@ fn table(of: &str, scores: &[Score]) -> String {
         let name = format!("{name}{of}");
         text += &format!("{name:<48} {mean:>6.3} {:>7.3}\n", values[values.len() / 2]);
     };
-    row("irradiance as photographed", &|s| s.irradiance[0]);
-    row("irradiance recovered", &|s| s.irradiance[1]);
-    row("contrast as photographed", &|s| s.contrast[0]);
-    row("contrast recovered", &|s| s.contrast[1]);
+    row("irradiance before recovery", &|s| s.irradiance[0]);
+    row("irradiance after recovery", &|s| s.irradiance[1]);
+    row("contrast before recovery", &|s| s.contrast[0]);
+    row("contrast after recovery", &|s| s.contrast[1]);
     text
 }

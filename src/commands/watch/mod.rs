@@ -34,7 +34,7 @@ pub struct Watch {
     /// Output folder of the sinks
     #[arg(long, default_value = "out", value_name = "DIR")]
     out: PathBuf,
-    /// One JSON object per line on standard output
+    /// Print one JSON object per line on standard output
     #[arg(long)]
     pub json: bool,
     /// Also print cached nodes, counts, and all notes of nodes
@@ -46,18 +46,17 @@ pub struct Watch {
     /// Check the files every half second instead of listening to their folders
     #[arg(long)]
     poll: bool,
-    /// Also serve the live page, which shows the graph and its pictures in a browser and edits values in the text.
-    /// Prints the address to open, which contains a secret
+    /// Also serve the live page, which shows the graph and its pictures in a browser and can edit values in the
+    /// graph file. Prints the address to open, which contains a secret
     #[arg(long)]
     serve: bool,
-    /// Port of the live page [default: the port of the last time, or any free one]
+    /// Port of the live page [default: the port that was used last, or any free port]
     #[arg(long, value_name = "PORT", requires = "serve")]
     port: Option<u16>,
 }
 
 /// The reason why a bundle or a picture cannot be watched.
-const WRITTEN_ONCE: &str = "a bundle or a picture does not change; to edit and watch a bundle, \
-    `lightharmony unpack` it and watch the `graph.ron` in the folder";
+const WRITTEN_ONCE: &str = "a bundle or a picture does not change; to edit and watch a bundle, unpack it with `lightharmony unpack` and watch `graph.ron` in the new folder";
 
 impl Watch {
     /// Watches until it is interrupted.

@@ -25,8 +25,7 @@ pub fn texts(graph: &Graph, pair: &Pair, found: &Comparison) -> Vec<pair::Findin
                 ),
                 None => format!(
                     "the agreement of the depths of the splats `{splats}` and the mesh `{mesh}` is {percent:.0} %, measured \
-                     at {} points in the views and around the object; no combination of scale, rotation, reflection \
-                     and shift of the mesh was found that makes them agree: check that both show the same place, or \
+                     at {} points in the views and around the object. No combination of scale, rotation, reflection and shift of the mesh was found that makes the depths agree: check that the splats and the mesh show the same place, or \
                      use `ExtractMesh` instead of the mesh",
                     found.points
                 ),
@@ -103,8 +102,11 @@ fn moved(graph: &Graph, pair: &Pair, best: &Moved) -> String {
         }
         _ => format!("transform the {what} by the matrix {}", rows(&by)),
     };
-    let other =
-        if best.is_decided { "" } else { ", or that of the splats if cameras and mesh fit each other" };
+    let other = if best.is_decided {
+        ""
+    } else {
+        ", or the frame of the splats if the cameras and the mesh fit each other"
+    };
     format!(
         "{}, the agreement is {percent:.0} %: the frame of the {what} is probably wrong{other}; {advice}",
         change(&by, what, best)
@@ -122,7 +124,7 @@ fn mirrored(by: &Similarity) -> String {
     };
     let all = [rows.x_axis, rows.y_axis, rows.z_axis].map(coordinate);
     let mut parts = vec![match all {
-        [Some(x), Some(y), Some(z)] => format!("mirrored, that is (x, y, z) replaced by ({x}, {y}, {z})"),
+        [Some(x), Some(y), Some(z)] => format!("mirrored ((x, y, z) becomes ({x}, {y}, {z}))"),
         _ => "mirrored".to_owned(),
     }];
     if (by.scale - 1.0).abs() > 1e-9 {
@@ -206,7 +208,7 @@ mod tests {
         // x becomes -y, y becomes z, z becomes x.
         let rotation = glam::DMat3::from_cols(DVec3::Z, DVec3::NEG_X, DVec3::Y);
         let by = Similarity { rotation, scale: 0.01, offset: DVec3::ZERO };
-        assert_eq!(mirrored(&by), "mirrored, that is (x, y, z) replaced by (-y, z, x) and scaled by 0.01");
+        assert_eq!(mirrored(&by), "mirrored ((x, y, z) becomes (-y, z, x)) and scaled by 0.01");
     }
 
     #[test]

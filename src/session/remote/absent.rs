@@ -8,7 +8,8 @@ use serde_json::Value;
 
 use super::error::Error;
 
-/// The options exist in every build, so that their absence is explained.
+/// Options for shared results. They exist in every build, so that a build without the feature can explain that it
+/// lacks them.
 #[derive(Debug, Clone, Args)]
 pub struct RemoteArgs {
     #[arg(long, value_name = "URL", hide = true)]

@@ -1,4 +1,4 @@
-//! The results that machines share, on a server.
+//! Connection to a server that holds shared results.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -15,14 +15,14 @@ use super::error::Error;
 /// Environment variable with the address of the server.
 const VARIABLE: &str = "LIGHTHARMONY_REMOTE";
 
-/// The server with results of others.
+/// Options for results that are shared through a server.
 #[derive(Debug, Clone, Args)]
 pub struct RemoteArgs {
-    /// Server of the Remote Execution API whose results are used, such as grpc://127.0.0.1:8980; `none` for no server
-    /// [env: LIGHTHARMONY_REMOTE; default: that of the user's remote.ron]
+    /// Server of the Remote Execution API whose results are used, such as grpc://127.0.0.1:8980; `none` for no
+    /// server [env: LIGHTHARMONY_REMOTE; default: the server in the user's remote.ron]
     #[arg(long, value_name = "URL")]
     remote: Option<String>,
-    /// Also store new results on the server, signed by your key; see `key`
+    /// Also store new results on the server, signed by your key; see `lightharmony key`
     #[arg(long)]
     remote_write: bool,
     /// Fail if the server cannot be reached, instead of computing everything here
@@ -37,8 +37,8 @@ pub struct Remote {
 }
 
 impl RemoteArgs {
-    /// Connects the engine to the server, if there is one. If the server cannot be reached, the engine stays as it
-    /// is and an event with a warning is passed to `show`, unless this is not wanted.
+    /// Connects the engine to the server, if one is configured. If the server cannot be reached, the engine is
+    /// returned unchanged and a warning is passed to `show`; with `--no-remote-fallback`, this is an error.
     pub fn connect(
         &self,
         engine: Engine,
@@ -68,7 +68,7 @@ impl RemoteArgs {
                 Ok((engine.sharing(cache.clone()), Some(Remote { cache, address })))
             }
             Err(error) if fallback => {
-                let text = format!("{address}: {error}; the run continues without it");
+                let text = format!("{address}: {error}; the run continues without this server");
                 show(&Event::Warning { id: "remote-lost", text });
                 Ok((engine, None))
             }
@@ -80,7 +80,7 @@ impl RemoteArgs {
 }
 
 impl Remote {
-    /// One line on what moved between this machine and the server; `None` if nothing did.
+    /// One line that summarises what was fetched from the server and stored there; `None` if nothing was.
     pub fn summary(&self) -> Option<String> {
         let Traffic { found, stored, values, bytes_down, bytes_up } = self.cache.traffic();
         if (found, stored) == (0, 0) {
@@ -88,12 +88,12 @@ impl Remote {
         }
         let (down, up) = (bytes_text(bytes_down), bytes_text(bytes_up));
         Some(format!(
-            "{}: {found} results found there, {values} values fetched ({down}), {stored} results stored ({up})",
+            "shared results on {} (found: {found}, stored: {stored}; values fetched: {values}; received: {down}, sent: {up})",
             self.address
         ))
     }
 
-    /// The same for programs.
+    /// The summary as JSON.
     pub fn json(&self) -> Value {
         let Traffic { found, stored, values, bytes_down, bytes_up } = self.cache.traffic();
         json!({
@@ -119,7 +119,7 @@ pub fn secret_key_file() -> Result<PathBuf, Error> {
 fn secret_key() -> Result<SecretKey, Error> {
     let path = secret_key_file()?;
     if !path.exists() {
-        let why = "storing results needs a key that signs them; make one with `lightharmony key new NAME`";
+        let why = "storing results requires a key to sign them; make one with `lightharmony key new NAME`";
         return Err(Error::usage(why));
     }
     Ok(SecretKey::read(&path)?)

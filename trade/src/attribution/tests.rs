@@ -190,7 +190,7 @@ fn holes_are_not_touched(engine: &Engine) {
     assert!((black.1 - white.1).abs() < 0.1 * black.1, "{black:?} {white:?}");
 }
 
-/// Checks which pictures are judged. Pictures whose size is set by a knob are not judged. Layers are judged only if
+/// Checks which pictures are scored. Pictures whose size is set by a knob are not scored. Layers are scored only if
 /// there are no other pictures.
 fn what_is_judged(engine: &Engine) {
     let save = "save:   WriteImage(image: \"final\", path: \"final.png\")";
@@ -225,7 +225,7 @@ fn what_is_judged(engine: &Engine) {
     let mut layers = bench(engine, &layers);
     let assignment = layers.preset(3);
     let at = measured(&mut layers, assignment).unwrap();
-    // Pictures written to OpenEXR only are judged in linear light.
+    // Pictures written to OpenEXR only are scored in linear light.
     let off = &layers.points[at].off;
     assert!(!off.is_empty() && off.iter().all(|row| row.value("flip mean") == row.value("hdr-flip mean")));
     assert!(layers.remarks.iter().any(|remark| remark.contains("linear light")));

@@ -23,7 +23,7 @@ pub fn page(bench: &Bench<'_>, metric: &Metric, measured: &Measured) -> Result<P
     let mut page = Page::default();
     facts(&mut page, bench, metric, now, attributions);
     page.words(&format!(
-        "Errors are values of {}, compared with the preset `reference`, in the worst view. Work is given in rays; other counts \
+        "Each error is the value of {} in the worst view, compared with the preset `reference`. Work is given in rays; other counts \
          are converted to rays. Work and errors are the same in every run. CPU-s is the CPU time in seconds that the nodes' code took on \
          all threads: a single measurement, which varies by a few per cent between runs and is not used for any decision here. Wall times are not shown.",
         metric.name
@@ -110,7 +110,7 @@ fn pictures(page: &mut Page, bench: &Bench<'_>, measured: &Measured) -> Result<(
         }
         for view in &images.0 {
             if map.is_some_and(|map| map.missing.is_empty() && map.maps.view(&view.name).is_none()) {
-                let why = "FLIP can only be computed for finite colours";
+                let why = "FLIP can be computed only for finite colours";
                 page.words(&format!("There is no FLIP map of `{name} {}`: {why}.", view.name));
             }
             let other = |of: Option<&Arc<Images>>| of.and_then(|images| images.view(&view.name)).cloned();
@@ -185,9 +185,9 @@ fn attribution(
     let error = metric.error(&bench.points[now].off);
     let both = attributions.iter().any(|b| b.all_but.is_some());
     let mut text = format!("The error of the current settings is {}. ", metric.shown(error));
-    text.push_str("The first column is the error with only this node at the reference");
+    text.push_str("The first column is the error with only this node at its reference settings");
     text.push_str(if both {
-        ", the second the error with all other nodes at the reference. The errors in the second column need not add up to the error of the current settings, since nodes interact."
+        ", and the second column is the error with all other nodes at their reference settings. The errors in the second column need not add up to the error of the current settings, since nodes interact."
     } else {
         "."
     });
@@ -195,13 +195,13 @@ fn attribution(
     page.words(&match Blame::of(attributions, error) {
         Blame::Makes(node, own) => {
             let own = metric.shown(Some(own));
-            format!("`{node}` is the bottleneck: its own error is {own}.")
+            format!("`{node}` is the bottleneck: with all other nodes at their reference settings, the error is {own}.")
         }
         Blame::Helps(node) => {
-            format!("The error falls most if only `{node}` is set to its reference setting.")
+            format!("The error falls most if only `{node}` is set to its reference settings.")
         }
-        Blame::None if both => "No node has an error of its own.".to_owned(),
-        Blame::None => "Setting a single node to the reference does not reduce the error.".to_owned(),
+        Blame::None if both => "No node causes an error if all other nodes are at their reference settings.".to_owned(),
+        Blame::None => "Setting a single node to its reference settings does not reduce the error.".to_owned(),
         Blame::Unknown => {
             format!(
                 "The bottleneck is unknown, since the metric `{}` was not computed. This metric needs {}.",
@@ -215,10 +215,13 @@ fn attribution(
         [b.node.clone(), metric.shown(b.alone)].into_iter().chain(all_but).chain([tick_text(b.work_alone)])
     };
     let rows: Vec<Vec<String>> = attributions.iter().map(|b| row(b).collect()).collect();
-    let mut columns =
-        vec!["node", "only this node at the reference", "work with only this node at the reference"];
+    let mut columns = vec![
+        "node",
+        "only this node at its reference settings",
+        "work with only this node at its reference settings",
+    ];
     if both {
-        columns.insert(2, "all other nodes at the reference");
+        columns.insert(2, "all other nodes at their reference settings");
     }
     page.table(&columns, &rows);
 }
@@ -228,7 +231,7 @@ fn baselines(page: &mut Page, bench: &Bench<'_>, now: usize) {
     page.words(
         "The current result and two baselines, compared with the same reference. The baselines are: nothing inserted, and the \
          reference's object without its shadow. The region `touched` is what the object covers, shades or lights in the reference; \
-         `object` is the part of it that the object covers by more than half, `shadow` the remainder.",
+         `object` consists of the pixels of this region that the object covers by more than half, and `shadow` of the remaining pixels.",
     );
     let rows = &bench.points[now].off;
     let has = |output: &str| rows.iter().any(|row| row.output == output && row.judged != "image");
@@ -260,7 +263,7 @@ fn baselines(page: &mut Page, bench: &Bench<'_>, now: usize) {
 fn unmodelled(page: &mut Page, rows: &[LeftOut]) {
     page.heading("Skipped work and its checks");
     page.words(
-        "Work that is done only if the scene needs it. The last column shows how to force the work to be done; `docs/trade.md` lists the errors that result from skipping it.",
+        "Optional work, which is done only if the scene needs it. The last column shows how to force the work to be done; `docs/trade.md` lists the errors that result from skipping it.",
     );
     let reported = |row: &LeftOut| {
         let nodes = match row.nodes.as_slice() {

@@ -99,11 +99,11 @@ impl<'a> Run<'a> {
             let inputs = if bytes > budget || held < budget / 16 {
                 String::new()
             } else {
-                format!(" in addition to the {} of its inputs", bytes_text(held))
+                format!(" in addition to the {} that its inputs occupy", bytes_text(held))
             };
             let (needs, budget) = (bytes_text(bytes), bytes_text(budget));
             return Err(NodeError::new(format!(
-                "needs about {needs} of memory{inputs}, but the budget is {budget}"
+                "the node needs about {needs} of memory{inputs}, but the budget is {budget}"
             ))
             .hint("reduce the resolution or the number of views, or raise `--memory`"));
         }

@@ -20,7 +20,7 @@ use crate::value::artifact::AnyArtifact;
 use crate::value::error::NodeError;
 
 /// The reason to run a node again if the store has only the digest of its value.
-const DIGEST_ONLY: &str = "only its digest was stored";
+const DIGEST_ONLY: &str = "only the digest of its value was stored";
 
 impl<'a> Run<'a> {
     /// Requests the input values of ready nodes. About as many nodes as there are threads are supplied at once, and
@@ -111,7 +111,7 @@ impl<'a> Run<'a> {
         if !reported {
             self.gone.insert(index);
         }
-        self.remake(index, "its stored bytes were missing or damaged");
+        self.remake(index, "its stored value was missing or damaged");
     }
 
     fn remake(&mut self, index: usize, reason: &str) {

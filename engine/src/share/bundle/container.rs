@@ -35,7 +35,7 @@ const LONGEST_INDEX: u64 = 64 << 20;
 #[derive(Debug, thiserror::Error)]
 pub enum BundleError {
     /// The file is not a bundle.
-    #[error("not a lightharmony bundle")]
+    #[error("the file is not a lightharmony bundle")]
     NoBundle,
     /// The format of the bundle is not the format that this version of lightharmony reads.
     #[error("the bundle has format {0}, but this version of lightharmony reads format {FORMAT}")]
@@ -180,8 +180,7 @@ impl BundleParts {
     }
 }
 
-const CLASH: &str =
-    "another file has the same name, or is a folder with that name, on systems that ignore case";
+const CLASH: &str = "on systems that ignore case, another file or folder has the same name";
 
 fn head(index: &[u8]) -> Vec<u8> {
     let mut head = MAGIC.to_vec();
@@ -244,12 +243,12 @@ impl<R: Read + Seek> Bundle<R> {
         let (length, digest) = (fields.u64()?, read_digest(&mut fields)?);
         let damaged = |what: &str| BundleError::Damaged(what.to_owned());
         if length > LONGEST_INDEX || length > whole - HEAD as u64 {
-            return Err(damaged("its index is too long"));
+            return Err(damaged("the index is too long"));
         }
-        let mut index = vec![0; usize::try_from(length).map_err(|_| damaged("its index is too long"))?];
+        let mut index = vec![0; usize::try_from(length).map_err(|_| damaged("the index is too long"))?];
         from.read_exact(&mut index).map_err(failed)?;
         if Digest::of(&index) != digest {
-            return Err(damaged("the digest of its index is wrong"));
+            return Err(damaged("the index does not match its digest"));
         }
         let mut bundle = Self {
             from,
@@ -275,11 +274,11 @@ impl<R: Read + Seek> Bundle<R> {
                 .ok_or_else(|| damaged("a blob extends past the end of the bundle"))?;
         }
         if offset != whole {
-            return Err(damaged("it has additional bytes after its last blob"));
+            return Err(damaged("there are additional bytes after the last blob"));
         }
         let place = |from: &mut Decoder<'_>| -> Result<usize, BundleError> {
             let place = from.u32()? as usize;
-            if place < count { Ok(place) } else { Err(damaged("it refers to a blob that is missing")) }
+            if place < count { Ok(place) } else { Err(damaged("the index refers to a blob that is missing")) }
         };
         for _ in 0..from.length(12)? {
             let (name, content) = (from.str()?, place(&mut from)?);
@@ -302,7 +301,7 @@ impl<R: Read + Seek> Bundle<R> {
             && self.records.is_sorted_by(|a, b| bytes(&a.0) < bytes(&b.0))
             && self.values.is_sorted_by(|a, b| a < b);
         if !ordered {
-            return Err(damaged("its lists are not sorted, or have duplicates"));
+            return Err(damaged("the lists in the index are not sorted, or have duplicates"));
         }
         match clash(self.files.iter().map(|(name, _)| name.as_str())) {
             Some(name) => Err(BundleError::Name { name, why: CLASH }),

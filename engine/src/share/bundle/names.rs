@@ -20,11 +20,11 @@ const DEVICES: [&str; 4] = ["con", "prn", "aux", "nul"];
 /// The reason why a name is not valid in a bundle; `None` if it is valid.
 pub(crate) fn wrong_name(name: &str) -> Option<&'static str> {
     if name.is_empty() || name.len() > LONGEST {
-        return Some("it is empty or longer than 1024 bytes");
+        return Some("the name is empty or longer than 1024 bytes");
     }
     // These characters have other meanings on other systems.
     if name.contains(['\\', ':', '*', '?', '"', '<', '>', '|']) || name.chars().any(char::is_control) {
-        return Some("it contains a character that some systems do not allow");
+        return Some("the name contains a character that some systems do not allow");
     }
     name.split('/').find_map(|part| {
         let stem = part.split('.').next().unwrap_or_default().to_lowercase();
@@ -32,11 +32,11 @@ pub(crate) fn wrong_name(name: &str) -> Option<&'static str> {
         let device = DEVICES.contains(&stem.as_str())
             || numbered.is_some_and(|n| n.len() == 1 && n.starts_with(|c: char| c.is_ascii_digit()));
         match part {
-            "" => Some("it begins or ends with `/`, or contains `//`"),
+            "" => Some("the name begins or ends with `/`, or contains `//`"),
             BUNDLE_MARK => Some("this name is reserved for marking unpacked bundles"),
-            "." | ".." => Some("`.` and `..` could lead to another folder"),
-            _ if part.len() > LONGEST_PART => Some("a part of it is longer than 240 bytes"),
-            _ if part.ends_with(['.', ' ']) => Some("a part of it ends with a dot or a space"),
+            "." | ".." => Some("`.` and `..` could lead out of the folder of the bundle"),
+            _ if part.len() > LONGEST_PART => Some("a part of the path is longer than 240 bytes"),
+            _ if part.ends_with(['.', ' ']) => Some("a part of the path ends with a dot or a space"),
             _ if device => Some("some systems reserve this name for a device"),
             _ => None,
         }

@@ -25,12 +25,12 @@ impl<R: Read + Seek> Bundle<R> {
             move |source| BundleError::Io { what, source }
         };
         if fs::symlink_metadata(target).is_ok() && !is_empty_folder(target) {
-            let what = format!("`{}` exists already; name a new folder", target.display());
+            let what = format!("`{}` exists already; choose a new folder", target.display());
             return Err(BundleError::Refused(what));
         }
         for needed in [GRAPH, LOCK] {
             if self.content_of(needed).is_none() {
-                return Err(BundleError::Damaged(format!("it contains no `{needed}`")));
+                return Err(BundleError::Damaged(format!("the bundle does not contain `{needed}`")));
             }
         }
         let parent =
@@ -122,7 +122,8 @@ impl<R: Read + Seek> Bundle<R> {
 
     fn text(&mut self, name: &str) -> Result<String, BundleError> {
         let content = self.content_of(name);
-        let content = content.ok_or_else(|| BundleError::Damaged(format!("it contains no `{name}`")))?;
+        let content =
+            content.ok_or_else(|| BundleError::Damaged(format!("the bundle does not contain `{name}`")))?;
         String::from_utf8(self.read(content)?)
             .map_err(|_| BundleError::Damaged(format!("`{name}` is not UTF-8 text")))
     }

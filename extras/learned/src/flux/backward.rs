@@ -52,7 +52,7 @@ impl Transformer {
             let (txt, img) = block.forward(txt, img, &shared, watch)?;
             pairs.push((txt.detach(), img.detach()));
         }
-        let Some((txt, img)) = pairs.pop() else { unreachable!("one was put in") };
+        let Some((txt, img)) = pairs.pop() else { unreachable!("`pairs` is not empty") };
         let (texts, pictures) = (txt.dim(0)?, img.dim(0)?);
         let mut wholes = vec![Tensor::cat(&[&txt, &img], 0)?];
         for block in &self.singles {
@@ -61,7 +61,7 @@ impl Transformer {
         }
 
         let mut found = Found { vars, of: HashMap::new() };
-        let Some(last) = wholes.pop() else { unreachable!("one was put in") };
+        let Some(last) = wholes.pop() else { unreachable!("`wholes` is not empty") };
         let last = Var::from_tensor(&last)?;
         let lost = loss(&self.end(&last.narrow(0, texts, pictures)?, &shared, watch)?)?;
         let mut way = found.gradient(&last, &lost.backward()?)?;

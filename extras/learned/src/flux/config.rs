@@ -140,7 +140,7 @@ impl Config {
             || config.axes.iter().any(|axis| axis % 2 != 0)
         {
             return Err(source.wrong(format!(
-                "its attention heads have {head} channels, but the RoPE axes are {:?}; these must be even numbers that add up to the number of channels. Put the `config.json` of the model, which lists the correct axes, next to the file",
+                "the attention heads of the model have {head} channels, but the RoPE axes are {:?}; these must be even numbers that add up to the number of channels. Put the `config.json` of the model, which lists the correct axes, next to the weights file",
                 config.axes
             )));
         }
@@ -153,7 +153,7 @@ impl Config {
             return Err(Error::file(
                 file,
                 format!(
-                    "its tokens have {channels} channels, which must be a multiple of 4, and its time embeddings have {time} channels, which must be a multiple of 2"
+                    "the tokens of the model have {channels} channels, which must be a multiple of 4, and the time embeddings have {time} channels, which must be a multiple of 2"
                 ),
             ));
         }
@@ -179,7 +179,7 @@ impl Config {
         };
         if said != *self {
             let what = format!(
-                "it describes a model whose layer sizes differ from those in `{}`; use the `config.json` that belongs to that file",
+                "this file describes a model whose layer sizes differ from those in `{}`; use the `config.json` that belongs to the model file",
                 file.display()
             );
             return Err(Error::file(&path, what));

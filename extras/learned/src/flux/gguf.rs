@@ -23,11 +23,11 @@ pub(crate) fn header(file: &mut File, path: &Path, index: usize) -> Result<BTree
     header.take::<4>()?;
     let version = header.u32()?;
     if !(2..=3).contains(&version) {
-        return Err(header.wrong(format!("its version is {version}; versions 2 and 3 are supported")));
+        return Err(header.wrong(format!("the GGUF version is {version}; versions 2 and 3 are supported")));
     }
     let (tensors, values) = (header.u64()?, header.u64()?);
     if tensors > MAX_TENSORS || values > MAX_TENSORS {
-        return Err(header.wrong(format!("it claims to hold {tensors} tensors and {values} metadata values; at most {MAX_TENSORS} of each are supported")));
+        return Err(header.wrong(format!("the header claims {tensors} tensors and {values} metadata values; at most {MAX_TENSORS} of each are supported")));
     }
     let mut alignment = 32;
     for _ in 0..values {
@@ -40,14 +40,14 @@ pub(crate) fn header(file: &mut File, path: &Path, index: usize) -> Result<BTree
         }
     }
     if !alignment.is_power_of_two() {
-        return Err(header.wrong(format!("its alignment is {alignment}, which is not a power of two")));
+        return Err(header.wrong(format!("the alignment is {alignment}, which is not a power of two")));
     }
     let mut entries = BTreeMap::new();
     for _ in 0..tensors {
         let name = header.text()?;
         let entry = header.tensor(&name, index)?;
         if entries.contains_key(&name) {
-            return Err(header.wrong(format!("it contains the tensor `{name}` twice")));
+            return Err(header.wrong(format!("the tensor `{name}` occurs twice")));
         }
         entries.insert(name, entry);
     }
@@ -74,7 +74,7 @@ impl Header<'_> {
 
     fn take<const N: usize>(&mut self) -> Result<[u8; N]> {
         let mut bytes = [0; N];
-        self.file.read_exact(&mut bytes).map_err(|_| self.wrong("it is truncated".to_owned()))?;
+        self.file.read_exact(&mut bytes).map_err(|_| self.wrong("the file ends too early".to_owned()))?;
         Ok(bytes)
     }
 
@@ -93,7 +93,7 @@ impl Header<'_> {
                 .wrong(format!("a text claims to be {length} bytes long; the maximum is {MAX_TEXT} bytes")));
         }
         let mut bytes = vec![0; length as usize];
-        self.file.read_exact(&mut bytes).map_err(|_| self.wrong("it is truncated".to_owned()))?;
+        self.file.read_exact(&mut bytes).map_err(|_| self.wrong("the file ends too early".to_owned()))?;
         String::from_utf8(bytes).map_err(|_| self.wrong("a text is not valid UTF-8".to_owned()))
     }
 
@@ -126,7 +126,7 @@ impl Header<'_> {
         let passed = std::io::copy(&mut self.file.by_ref().take(bytes), &mut std::io::sink());
         match passed {
             Ok(n) if n == bytes => Ok(()),
-            _ => Err(self.wrong("it is truncated".to_owned())),
+            _ => Err(self.wrong("the file ends too early".to_owned())),
         }
     }
 

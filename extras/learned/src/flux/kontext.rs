@@ -79,7 +79,7 @@ impl Kontext {
             return Err(Error::file(
                 &files.vae,
                 format!(
-                    "its latents have {} channels, but `{}` needs {}",
+                    "the latents of the autoencoder have {} channels, but `{}` needs {}",
                     vae.config().latents,
                     files.transformer.display(),
                     config.in_channels / 4

@@ -129,14 +129,17 @@ impl<'a> Loader<'a> {
     pub fn finish(self) -> Result<Tally> {
         if !self.wrong.is_empty() {
             let shown = self.wrong.iter().take(6).cloned().collect::<Vec<_>>().join("; ");
-            let what = format!("its tensors do not fit this model (problems: {}): {shown}", self.wrong.len());
+            let what = format!(
+                "the tensors in the file do not fit this model (problems: {}): {shown}",
+                self.wrong.len()
+            );
             return Err(self.source.wrong(what));
         }
         let left: Vec<&String> =
             self.source.entries().keys().filter(|key| !self.asked.contains(*key)).collect();
         if !left.is_empty() {
             let what = format!(
-                "it contains tensors that belong to no part of this model: {}. Supply a file that contains only this part",
+                "the file contains tensors that do not belong to this part of the model: {}. Supply a file that contains only this part",
                 some_of(&left)
             );
             return Err(self.source.wrong(what));

@@ -64,13 +64,13 @@ impl Lora {
             };
             if slot.replace(key.clone()).is_some() {
                 return Err(source.wrong(format!(
-                    "`{key}` and another tensor both give the same matrix, or the same alpha, for one layer"
+                    "`{key}` and another tensor both define the same matrix, or the alpha, of a layer"
                 )));
             }
         }
         if !unknown.is_empty() {
             return Err(source.wrong(format!(
-                "it contains tensors that change no layer of this model: {}. Is it a LoRA for Flux.1?",
+                "the file contains tensors that change no layer of this model: {}. Is the file a LoRA for Flux.1?",
                 some_of(&unknown)
             )));
         }

@@ -159,11 +159,11 @@ fn safetensors_header(file: &mut File, path: &Path, index: usize) -> Result<Head
     let wrong = |what: String| Error::file(path, format!("the file is not a valid safetensors file: {what}"));
     let length = file.metadata().map_err(Error::io(path))?.len();
     let mut size = [0; 8];
-    file.read_exact(&mut size).map_err(|_| wrong("it is truncated".to_owned()))?;
+    file.read_exact(&mut size).map_err(|_| wrong("the file ends too early".to_owned()))?;
     let size = u64::from_le_bytes(size);
     if size > MAX_HEADER || size.saturating_add(8) > length {
         return Err(wrong(format!(
-            "its header claims to be {size} bytes long, which is longer than the file or than the limit of {MAX_HEADER} bytes"
+            "the header claims to be {size} bytes long, which is longer than the file or than the limit of {MAX_HEADER} bytes"
         )));
     }
     let mut text = vec![0; size as usize];
@@ -197,7 +197,7 @@ fn safetensors_header(file: &mut File, path: &Path, index: usize) -> Result<Head
     }
     if end != length {
         return Err(wrong(format!(
-            "its tensors end at byte {end}, but the file has {length} bytes; copy the file again"
+            "the tensors end at byte {end}, but the length of the file is {length} bytes; copy the file again"
         )));
     }
     let metadata = header.metadata().clone().unwrap_or_default().into_iter().collect();

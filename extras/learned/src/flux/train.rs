@@ -265,7 +265,7 @@ impl Trainer {
         if said != Some(&settings) {
             let said = said.map_or("unknown settings", String::as_str);
             return Err(source.wrong(format!(
-                "the file belongs to a training run with other settings ({said}; now {settings}); remove the file to start again"
+                "the file belongs to a training run with other settings (in the file: {said}; now: {settings}); remove the file to start again"
             )));
         }
         if source.metadata().get("from").map(String::as_str) != Some(learned_from) {

@@ -89,7 +89,7 @@ impl VaeConfig {
         }
         if groups == 0 || config.widths.iter().any(|width| width % groups != 0) || config.scale == 0.0 {
             return Err(source.wrong(format!(
-                "its channel counts {:?} must be multiples of the number of groups ({groups}), and its scale ({}) must not be 0",
+                "the channel counts {:?} must be multiples of the number of groups ({groups}), and the scale ({}) must not be 0",
                 config.widths, config.scale
             )));
         }

@@ -166,7 +166,7 @@ fn a_key_too_many_or_too_few_is_named() {
     let message = said(&more);
     assert!(
         message.contains(
-            "it contains tensors that belong to no part of this model: `vae.encoder.conv_in.weight`"
+            "the file contains tensors that do not belong to this part of the model: `vae.encoder.conv_in.weight`"
         ),
         "{message}"
     );

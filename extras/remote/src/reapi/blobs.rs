@@ -1,4 +1,4 @@
-//! Blobs on a server: batches of small ones, streams of large ones.
+//! Blobs on a server. Small blobs are sent and fetched in batches, and large blobs as streams.
 
 use std::collections::BTreeSet;
 use std::sync::atomic::AtomicBool;
@@ -17,11 +17,11 @@ use super::server::Server;
 
 /// Size of the pieces of a stream, in bytes.
 const PIECE: usize = 256 << 10;
-/// Number of pieces that wait to be sent.
+/// Maximum number of pieces of a stream that wait to be sent.
 const WAITING: usize = 4;
-/// Maximum size of a received message: a batch with what surrounds it, in bytes.
+/// Maximum size of a received message in bytes. A message is a batch with its protocol fields.
 const LARGEST_MESSAGE: usize = 8 << 20;
-/// Maximum number of digests in one question, so that the question stays below the limits of servers.
+/// Maximum number of digests in one request, so that the request stays below the limits of servers.
 const MOST_DIGESTS: usize = 10_000;
 
 /// A blob to upload.
@@ -31,10 +31,10 @@ pub(crate) struct Upload<'b> {
 }
 
 impl Server {
-    /// Uploads the blobs that the server does not have. Returns the number of bytes that were sent.
+    /// Uploads those of the blobs that the server does not have. Returns the number of bytes that were sent.
     pub fn upload(&self, blobs: &[Upload<'_>], cancel: &AtomicBool) -> Result<u64, CallError> {
         if let Some(blob) = blobs.iter().find(|blob| blob.bytes.len() as u64 > self.largest) {
-            let why = format!("the server takes at most {} bytes, not {}", self.largest, blob.bytes.len());
+            let why = format!("the server accepts at most {} bytes, not {}", self.largest, blob.bytes.len());
             return Err(CallError::Refused { what: "storing a value", why });
         }
         let missing = self.missing(blobs, cancel)?;
@@ -62,7 +62,7 @@ impl Server {
         Ok(wanted.iter().map(|blob| blob.bytes.len() as u64).sum())
     }
 
-    /// The digests of the blobs that the server does not have.
+    /// The digests of those of the blobs that the server does not have.
     fn missing(&self, blobs: &[Upload<'_>], cancel: &AtomicBool) -> Result<BTreeSet<String>, CallError> {
         const WHAT: &str = "asking for missing values";
         let mut missing = BTreeSet::new();
@@ -137,17 +137,18 @@ impl Server {
         if u64::try_from(committed) == Ok(size) {
             Ok(())
         } else {
-            Err(CallError::wrong(WHAT, format!("{committed} of {size} bytes were stored")))
+            Err(CallError::wrong(WHAT, format!("the server stored {committed} of {size} bytes")))
         }
     }
 
-    /// Downloads a blob of the stated size, which may be any bytes of that size.
+    /// Downloads a blob. Only its size is checked, not its digest.
     ///
     /// # Errors
     /// [`CallError::NotFound`] if the server does not have the blob any more.
     pub fn download(&self, digest: &api::Digest, cancel: &AtomicBool) -> Result<Vec<u8>, CallError> {
         const WHAT: &str = "fetching a value";
-        let size = u64::try_from(digest.size_bytes).map_err(|_| CallError::wrong(WHAT, "a negative size"))?;
+        let size = u64::try_from(digest.size_bytes)
+            .map_err(|_| CallError::wrong(WHAT, "the size of the value is negative"))?;
         let bytes = if size == 0 {
             Vec::new()
         } else if size <= self.batch / 4 {
@@ -164,7 +165,10 @@ impl Server {
         if bytes.len() as u64 == size {
             Ok(bytes)
         } else {
-            Err(CallError::wrong(WHAT, format!("{} bytes instead of {size}", bytes.len())))
+            Err(CallError::wrong(
+                WHAT,
+                format!("the length of the value is {} bytes instead of {size}", bytes.len()),
+            ))
         }
     }
 
@@ -183,7 +187,7 @@ impl Server {
             ContentAddressableStorageClient::new(channel).max_decoding_message_size(LARGEST_MESSAGE);
         let answer = client.batch_read_blobs(request).await?.into_inner();
         let response = answer.responses.into_iter().next();
-        let response = response.ok_or_else(|| Status::new(Code::NotFound, "no blob in the answer"))?;
+        let response = response.ok_or_else(|| Status::new(Code::NotFound, "the answer contains no blob"))?;
         checked(response.status)?;
         Ok(response.data)
     }
@@ -206,7 +210,7 @@ impl Server {
         while let Some(piece) = pieces.message().await? {
             let mut bytes = bytes.lock().unwrap_or_else(PoisonError::into_inner);
             if (bytes.len() + piece.data.len()) as u64 > size {
-                return Err(Status::new(Code::OutOfRange, format!("more than {size} bytes")));
+                return Err(Status::new(Code::OutOfRange, format!("the value is longer than {size} bytes")));
             }
             bytes.extend_from_slice(&piece.data);
         }

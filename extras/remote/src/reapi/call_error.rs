@@ -1,4 +1,4 @@
-//! Errors of calls to a server.
+//! Errors in calls to a server.
 
 use tonic::{Code, Status};
 
@@ -8,11 +8,11 @@ pub enum CallError {
     /// The run was cancelled.
     #[error("cancelled")]
     Cancelled,
-    /// The server does not have it.
+    /// The server does not have the requested data.
     #[error("not found")]
     NotFound,
-    /// The server does not allow it.
-    #[error("{what} is refused: {why}")]
+    /// The server does not allow the call.
+    #[error("{what} was refused: {why}")]
     Refused {
         /// The call.
         what: &'static str,
@@ -27,8 +27,8 @@ pub enum CallError {
         /// The reason.
         why: String,
     },
-    /// The answer contradicts the protocol.
-    #[error("{what} got an answer that contradicts the protocol: {why}")]
+    /// The answer violates the protocol.
+    #[error("{what} failed, because the answer of the server violates the protocol: {why}")]
     Wrong {
         /// The call.
         what: &'static str,
@@ -59,7 +59,7 @@ impl CallError {
     }
 }
 
-/// True if a call with this outcome may succeed when it is repeated.
+/// True if a call that failed with this code may succeed when it is repeated.
 pub(crate) fn is_passing(code: Code) -> bool {
     matches!(
         code,

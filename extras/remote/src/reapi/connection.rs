@@ -11,14 +11,14 @@ use super::address::Address;
 use super::call_error::{CallError, is_passing};
 use super::retry::Retry;
 
-/// Interval at which a waiting call looks whether the run was cancelled.
+/// Interval at which a waiting call checks whether the run was cancelled.
 const LOOK: Duration = Duration::from_millis(20);
-/// Time limit of opening a connection.
+/// Time limit for opening a connection.
 const OPENING: Duration = Duration::from_secs(5);
 /// Interval at which an open but silent connection is tested.
 const ALIVE: Duration = Duration::from_secs(20);
 
-/// A connection. It is opened by the first call, and again after it was closed.
+/// A connection. The first call opens it. If it was closed, the next call opens it again.
 pub(crate) struct Connection {
     runtime: Runtime,
     channel: Channel,
@@ -47,9 +47,9 @@ impl Connection {
         Ok(Self { runtime, channel, address, retry })
     }
 
-    /// Calls the server, and again after a failure that may pass. `subject` names what the call is about, so that
-    /// pauses differ between calls; `bytes` is the number of bytes that an attempt moves. Each attempt is a future
-    /// that `attempt` makes.
+    /// Calls the server, and repeats the call after a temporary failure. `attempt` makes the future of each
+    /// attempt. `subject` identifies the data of the call, so that the pauses of different calls differ. `bytes` is
+    /// the number of bytes that an attempt sends or receives.
     pub fn call<T, F: Future<Output = Result<T, Status>>>(
         &self,
         what: &'static str,
@@ -71,7 +71,10 @@ impl Connection {
                 let status = match outcome {
                     Ok(Ok(answer)) => return Ok(answer),
                     Ok(Err(status)) => status,
-                    Err(_) => Status::new(Code::DeadlineExceeded, format!("no answer in {limit:.1?}")),
+                    Err(_) => Status::new(
+                        Code::DeadlineExceeded,
+                        format!("the server did not answer within {limit:.1?}"),
+                    ),
                 };
                 if !is_passing(status.code()) || number + 1 >= self.retry.attempts {
                     return Err(CallError::of(what, &status));

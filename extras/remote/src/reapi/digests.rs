@@ -1,9 +1,9 @@
-//! Digests as the server computes them.
+//! Digests in the digest function of the server.
 
 use bazel_remote_apis::build::bazel::remote::execution::v2 as api;
 use sha2::{Digest as _, Sha256};
 
-/// The digest functions of the protocol that this client knows.
+/// The digest functions of the protocol that this client supports.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Function {
     Blake3,
@@ -16,7 +16,7 @@ impl Function {
         [Self::Blake3, Self::Sha256].into_iter().find(|function| offered.contains(&function.number()))
     }
 
-    /// The number in the protocol.
+    /// The number of the function in the protocol.
     pub fn number(self) -> i32 {
         match self {
             Self::Blake3 => api::digest_function::Value::Blake3.into(),

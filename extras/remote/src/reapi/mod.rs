@@ -1,10 +1,10 @@
 //! A client of the Bazel Remote Execution API, version 2: content-addressable storage and action cache.
 //!
-//! A result is stored under a *synthetic action*: the action whose command is `["lightharmony-key-1", KEY]` and whose
-//! input root is empty. It is never executed; its digest is the place of the result in the action cache. So every
-//! build of the program finds the result of a key in the same place. The files of the action result are `entry`, a
-//! [signed entry](crate::signed), and `values/DIGEST` for each value. The server addresses files by its own digest
-//! function; the BLAKE3 digests in the signed entry decide whether a file is used.
+//! A result is stored under a *synthetic action*: the action whose command is `["lightharmony-key-1", KEY]` and
+//! whose input root is empty. It is never executed; its digest is the key of the result in the action cache. So
+//! every build of the program finds the result of a key under the same digest. The files of the action result are
+//! `entry`, a [signed entry](crate::signed), and `values/DIGEST` for each value. The server addresses files by its
+//! own digest function; the BLAKE3 digests in the signed entry decide whether a file is used.
 
 mod address;
 mod blobs;

@@ -20,11 +20,11 @@ const VALUES: &str = "values/";
 /// Maximum size of a signed entry in bytes.
 const LONGEST_ENTRY: i64 = 16 << 20;
 
-/// A result as the server gives it: nothing of it is verified.
+/// A result as received from the server. None of it has been verified.
 pub(crate) struct Found {
     /// The bytes of the signed entry.
     pub sealed: Vec<u8>,
-    /// The digests of the values in the entry, and where the server has them.
+    /// For each value, its digest in the entry, and the digest under which the server stores it.
     pub values: Vec<(Digest, api::Digest)>,
 }
 
@@ -42,7 +42,7 @@ impl Server {
         let command = command.encode_to_vec();
         let action = api::Action {
             command_digest: Some(self.function.of_bytes(&command)),
-            // The empty folder, whose encoding is empty.
+            // Digest of the empty folder, whose encoding is empty.
             input_root_digest: Some(self.function.of_bytes(&[])),
             ..api::Action::default()
         };

@@ -1,21 +1,22 @@
-//! Repetition of calls that failed for a passing reason.
+//! Repetition of calls that failed temporarily.
 
 use std::time::Duration;
 
 use cache::Digest;
 
-/// How long a call may take, how often it is repeated, and the pauses between.
+/// Time limits of calls, the number of attempts, and the pauses between attempts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Retry {
     /// Maximum number of attempts.
     pub attempts: u32,
-    /// Pause after the first attempt. It doubles after each further attempt.
+    /// Pause after the first attempt. The pause doubles after each further attempt.
     pub pause: Duration,
     /// Maximum pause.
     pub longest_pause: Duration,
-    /// Time limit of an attempt, without the time to move its bytes.
+    /// Time limit of an attempt, without the time to send or receive its bytes.
     pub limit: Duration,
-    /// The least speed of a connection that is waited for, in bytes per second.
+    /// Minimum speed of a usable connection in bytes per second. The time limit of an attempt increases by the time
+    /// that its bytes take at this speed.
     pub speed: u64,
 }
 
@@ -32,8 +33,8 @@ impl Default for Retry {
 }
 
 impl Retry {
-    /// The pause after an attempt, counted from 0. Between half of the pause and all of it, depending on `what`, so
-    /// that many clients do not repeat their calls at once. Equal arguments give equal pauses.
+    /// The pause after attempt number `attempt`, counted from 0. It is shortened by up to half, depending on
+    /// `what`, so that many clients do not repeat their calls at the same time. Equal arguments give equal pauses.
     pub fn pause_after(&self, attempt: u32, what: &str) -> Duration {
         let whole = self.pause.saturating_mul(1 << attempt.min(16)).min(self.longest_pause);
         let digest = Digest::of(format!("{what}\n{attempt}").as_bytes());
@@ -41,7 +42,7 @@ impl Retry {
         whole / 2 + whole.mul_f64(f64::from(u16::from_le_bytes([a, b])) / f64::from(u16::MAX) / 2.0)
     }
 
-    /// The time limit of an attempt that moves this number of bytes.
+    /// The time limit of an attempt that sends or receives this number of bytes.
     pub fn limit_for(&self, bytes: u64) -> Duration {
         self.limit + Duration::from_millis(bytes.saturating_mul(1000) / self.speed.max(1))
     }

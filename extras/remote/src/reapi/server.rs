@@ -10,13 +10,13 @@ use super::connection::Connection;
 use super::digests::Function;
 
 const WHAT: &str = "asking for the capabilities";
-/// Maximum total size of a batch if the server states none, in bytes; and the maximum that this client uses, since
-/// messages are in memory.
+/// Maximum total size of a batch in bytes, unless the server states a smaller maximum. The size is limited because
+/// messages are kept in memory.
 const MOST: u64 = 4 << 20;
-/// Bytes of a message that are not content.
+/// Number of bytes of a message that are reserved for fields other than the content.
 const MARGIN: u64 = 64 << 10;
 
-/// A server, as it describes itself.
+/// A server and the capabilities that it states.
 pub(crate) struct Server {
     pub connection: Connection,
     pub function: Function,
@@ -42,7 +42,7 @@ impl Server {
         };
         let function = Function::of(&cache.digest_functions).ok_or_else(|| CallError::Refused {
             what: WHAT,
-            why: "the server knows neither BLAKE3 nor SHA-256".to_owned(),
+            why: "the server supports neither BLAKE3 nor SHA-256".to_owned(),
         })?;
         // 0 means no limit.
         let limit = |stated: i64, most: u64| match u64::try_from(stated) {
@@ -62,7 +62,7 @@ impl Server {
         self.connection.address.instance.clone()
     }
 
-    /// The name of a resource, with the instance in front.
+    /// The name of a resource, preceded by the name of the instance.
     pub fn resource(&self, name: &str) -> String {
         match self.connection.address.instance.as_str() {
             "" => name.to_owned(),

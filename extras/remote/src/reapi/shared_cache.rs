@@ -1,4 +1,4 @@
-//! The results on a server, as the engine uses them.
+//! The results on a server, for use by the engine.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::AtomicBool;
@@ -18,7 +18,7 @@ use crate::secret_key::SecretKey;
 use crate::signed::{self, Distrust};
 use crate::trusted_keys::TrustedKeys;
 
-/// Use of a server.
+/// Options for the use of a server.
 pub struct SharedCacheOptions {
     /// The address of the server.
     pub address: Address,
@@ -28,22 +28,22 @@ pub struct SharedCacheOptions {
     pub publish_as: Option<SecretKey>,
     /// True if runs continue without the server if it cannot be reached.
     pub fallback: bool,
-    /// Repetition of calls.
+    /// Time limits and repetition of calls.
     pub retry: Retry,
 }
 
-/// Numbers of results and bytes that moved.
+/// Numbers of results and bytes that were sent and received.
 #[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
 pub struct Traffic {
-    /// Results that were found on the server and used.
+    /// Number of results that were found on the server and used.
     pub found: u64,
-    /// Results that were stored on the server.
+    /// Number of results that were stored on the server.
     pub stored: u64,
-    /// Values that were fetched.
+    /// Number of values that were fetched.
     pub values: u64,
-    /// Bytes of these values.
+    /// Number of bytes that were fetched.
     pub bytes_down: u64,
-    /// Bytes that were sent.
+    /// Number of bytes that were sent.
     pub bytes_up: u64,
 }
 
@@ -60,12 +60,12 @@ pub struct SharedCache {
 struct State {
     /// The reason why the server is not used any more.
     lost: Option<String>,
-    /// True if nothing is stored on the server any more.
+    /// True if no further results are stored on the server.
     stores_nothing: bool,
-    /// Where the server has the values of the results that were found.
+    /// For the values of the results that were found: the digests under which the server stores them.
     places: BTreeMap<Digest, api::Digest>,
     remarks: Vec<(&'static str, String)>,
-    /// Ids of the remarks so far. Each is made once.
+    /// Ids of the remarks so far. There is at most one remark per id.
     said: BTreeSet<&'static str>,
     traffic: Traffic,
 }
@@ -74,7 +74,7 @@ impl SharedCache {
     /// Connects to a server.
     ///
     /// # Errors
-    /// If the server cannot be reached or does not fit.
+    /// If the server cannot be reached or lacks a required capability.
     pub fn connect(options: SharedCacheOptions, cancel: &AtomicBool) -> Result<Self, CallError> {
         let SharedCacheOptions { address, trusted, publish_as, fallback, retry } = options;
         let server = Server::open(Connection::new(address, retry)?, cancel)?;
@@ -82,7 +82,7 @@ impl SharedCache {
         let state = Mutex::new(State { stores_nothing: refuses, ..State::default() });
         let cache = Self { server, trusted, publish_as, fallback, state };
         if refuses {
-            let why = "the server takes no results from clients".to_owned();
+            let why = "the server does not accept results from clients".to_owned();
             cache.stop_storing(&CallError::Refused { what: "storing results", why });
         }
         Ok(cache)
@@ -93,7 +93,7 @@ impl SharedCache {
         self.state().traffic
     }
 
-    /// The server, for tests that store what this client never would.
+    /// The server, for tests that store data that this client never stores.
     #[cfg(test)]
     pub(crate) fn server(&self) -> &Server {
         &self.server
@@ -114,7 +114,7 @@ impl SharedCache {
         }
     }
 
-    /// An answer if the server is not used any more.
+    /// The answer to every question after the server was given up; `None` while the server is used.
     fn without<T>(&self) -> Option<Result<Option<T>, NodeError>> {
         let why = self.state().lost.clone()?;
         Some(if self.fallback { Ok(None) } else { Err(self.refusal(&why)) })
@@ -125,8 +125,8 @@ impl SharedCache {
             .hint("run without `--no-remote-fallback` to compute everything here")
     }
 
-    /// Answers a question whose call failed. The server is not used any more, since every further call would wait
-    /// as long.
+    /// The answer to a question whose call failed. From then on the server is not used, since every further call
+    /// would take as long to fail.
     fn failed<T>(&self, error: &CallError) -> Result<Option<T>, NodeError> {
         if matches!(error, CallError::Cancelled) {
             return Ok(None);
@@ -136,7 +136,10 @@ impl SharedCache {
         if !self.fallback {
             return Err(self.refusal(&why));
         }
-        self.remark("remote-lost", format!("{}: {why}; the run continues without it", self.address()));
+        self.remark(
+            "remote-lost",
+            format!("{}: {why}; the run continues without this server", self.address()),
+        );
         Ok(None)
     }
 
@@ -149,7 +152,7 @@ impl SharedCache {
         }
     }
 
-    /// The verified entry in an answer; `None` if it may not be used.
+    /// The verified entry in an answer; `None` if the entry must not be used.
     fn verified(&self, key: &Digest, found: &Found) -> Option<Entry> {
         let entry = match signed::open(&found.sealed, key, &self.trusted) {
             Ok(entry) => entry,
@@ -184,8 +187,10 @@ impl SharedCache {
                 Some(entry)
             }
             None => {
-                let text =
-                    format!("a result on {} is not used: a value of it is missing there", self.address());
+                let text = format!(
+                    "a result on {} is not used, because one of its values is missing there",
+                    self.address()
+                );
                 self.remark("remote-incomplete", text);
                 None
             }
@@ -238,7 +243,7 @@ impl SharedResults for SharedCache {
                 Ok(Some(bytes))
             }
             Ok(_) => {
-                let text = format!("a value on {} is damaged, and is computed here", self.address());
+                let text = format!("a value on {} is damaged, so it is computed here", self.address());
                 self.remark("remote-damaged", text);
                 self.state().places.remove(value);
                 Ok(None)

@@ -1,4 +1,4 @@
-//! 10,000 random edits of texts with odd layouts, each followed at some point by its undo.
+//! 10,000 random edits of texts with unusual layouts. Each edit is undone at a later time.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use engine::SourceRoot;

@@ -80,8 +80,8 @@ fn what_must_be_edited_in_the_text_is_refused_with_the_reason() {
     let lab = Lab::new(GRAPH);
     lab.idle();
     for (node, field, at, value, why) in [
-        ("pose", "translation", &[][..], "(0.0, 0.0, 0.0)", "follows `Param(\"height\")`"),
-        ("pose", "translation", &[2], "1.0", "follows `Param(\"height\")`"),
+        ("pose", "translation", &[][..], "(0.0, 0.0, 0.0)", "takes its value from `Param(\"height\")`"),
+        ("pose", "translation", &[2], "1.0", "takes its value from `Param(\"height\")`"),
         ("view", "splats", &[], "\"demo.proxy\"", "is a wire"),
         ("save", "path", &[], "\"b.png\"", "names a file"),
         ("pose", "yaw", &[], "1.0", "no parameter `yaw`"),

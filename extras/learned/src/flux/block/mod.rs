@@ -30,7 +30,7 @@ pub(crate) fn modulation<const N: usize>(layer: &Linear, mood: &Tensor) -> Resul
     for i in 0..N {
         parts.push(all.narrow(1, i * width, width)?);
     }
-    Ok(parts.try_into().unwrap_or_else(|_| unreachable!("as many as were made")))
+    Ok(parts.try_into().unwrap_or_else(|_| unreachable!("the vector has N parts")))
 }
 
 /// Scales of the norms that are applied to the queries and keys of each head.
