@@ -167,7 +167,7 @@ impl GraphArgs {
             source = source.with_preset(preset, &nodes::registry());
         }
         for path in &self.overlay {
-            if root.is_strange(path) {
+            if root.is_untrusted(path) {
                 return Err(Error::usage(format!(
                     "`{}` belongs to an unpacked bundle and could make this graph read any file; remove \
                      `.lightharmony-bundle` from its folder if you trust it",

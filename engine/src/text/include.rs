@@ -46,7 +46,7 @@ impl Source {
                     self = self.joined(role, &file.name, "Graph()");
                     continue;
                 }
-                let may = !root.is_outside(&file) && !root.is_strange(&file.path);
+                let may = !root.is_outside(&file) && !root.is_untrusted(&file.path);
                 // No more than what is left of the limit of all files, so that nothing beyond it is read.
                 let left = (MOST_BYTES - bytes).min(MAX_GRAPH_BYTES);
                 if may && let Ok(text) = read_text(&file.path, left) {
@@ -170,7 +170,7 @@ fn not_joined(root: &SourceRoot, name: &str, place: Range<usize>) -> Diagnostic 
     let file = root.file(&InputFile(name.to_owned()));
     if root.is_outside(&file) {
         outside(name, place)
-    } else if root.is_strange(&file.path) {
+    } else if root.is_untrusted(&file.path) {
         Diagnostic::new(place, format!("`{}` belongs to an unpacked bundle", shown(name)))
             .label("an included graph may read every file that this graph may read")
             .hint(

@@ -136,7 +136,7 @@ impl SourceRoot {
 
     /// True if a file belongs to an unpacked bundle but the graph does not. Such a file is untrusted: if the graph
     /// included it, it could read every file that the graph may read.
-    pub fn is_strange(&self, path: &Path) -> bool {
+    pub fn is_untrusted(&self, path: &Path) -> bool {
         // Links are followed to the folder that contains the text.
         let folder = || path.canonicalize().ok()?.parent().and_then(bundle_around);
         !self.is_confined() && folder().is_some()
