@@ -18,6 +18,8 @@ const picture = Picture((side, about, error) => {
   if (error) return side === "a" ? notify(error.message) : notify(`B: ${error.message}`);
   if (side === "a") { layers(about); picture.tables(about.report); }
 });
+// The place view; its code is loaded when it is opened for the first time.
+let place = null;
 
 // Digest of the text that an edit of the page has written, until the page has fetched the graph of this text.
 let written = null;
@@ -85,6 +87,7 @@ async function refresh() {
     outputs();
     nodePane();
     texts();
+    place?.changed();
   });
   const { again } = fetching;
   fetching = null;
@@ -132,24 +135,39 @@ let trying = null;
 // True from the first trial of a value until it is written or dropped.
 let dragging = false;
 
+// Writes an edit; gives null if it was refused.
+const set = (edit) => attempt(async () => {
+  // A trial or a plan that is still on its way must not come after the edit.
+  [trying, dragging] = [null, false];
+  clearTimeout(waiting);
+  waiting = null;
+  await change("/set", edit);
+  graph.would([]);
+  return true;
+}).then((done) => {
+  if (done === null) { post("/try", null).catch(() => {}); nodePane(true); }
+  return done;
+});
+
+// Tries an edit. At most one trial is on its way, and the last one wins.
+function tryOut(edit) {
+  const busy = trying !== null;
+  [trying, dragging] = [{ digest: written ?? view.digest, ...edit }, true];
+  if (!busy) run();
+}
+
+function revert() {
+  [trying, dragging] = [null, false];
+  graph.would([]);
+  attempt(() => post("/try", null));
+}
+
 function editOf(node, param) {
   const whole = (value, at) => ({ digest: written ?? view.digest, node: node.in_file, field: param.name, at, value });
   return {
-    set: (value, at) => attempt(async () => {
-      // A trial or a plan that is still on its way must not come after the edit.
-      [trying, dragging] = [null, false];
-      clearTimeout(waiting);
-      waiting = null;
-      await change("/set", whole(value, at));
-      graph.would([]);
-    }).then((done) => { if (done === null) { post("/try", null).catch(() => {}); nodePane(true); } }),
-    // At most one trial is on its way, and the last value wins.
-    attempt: (value, at) => {
-      const busy = trying !== null;
-      [trying, dragging] = [whole(value, at), true];
-      if (!busy) run();
-    },
-    revert: () => { [trying, dragging] = [null, false]; graph.would([]); attempt(() => post("/try", null)); },
+    set: (value, at) => set(whole(value, at)),
+    attempt: (value, at) => tryOut(whole(value, at)),
+    revert,
     plan: (value, at) => {
       clearTimeout(waiting);
       const own = setTimeout(async () => {
@@ -281,6 +299,36 @@ function others() {
     el("optgroup", { label: "Other outputs" }, names.map((name) => option(`output|${name}`, name))));
 }
 
+// ---- the place view
+
+// The picture that the graph makes, with its size, for the place view.
+let made = null;
+async function picked() {
+  const found = values();
+  const digest = found[favourite(found)];
+  if (!digest || made?.digest === digest) return;
+  try {
+    const about = await json(`/value/${digest}`);
+    const one = about.pictures[0];
+    made = one ? { digest, number: 0, width: one.width, height: one.height } : null;
+    place?.redraw();
+  } catch { /* the next result comes */ }
+}
+
+async function pane(toPlace) {
+  $("picture").hidden = toPlace;
+  $("place").hidden = !toPlace;
+  $("tab-place").setAttribute("aria-pressed", String(toPlace));
+  $("tab-picture").setAttribute("aria-pressed", String(!toPlace));
+  if (!toPlace) return picture.redraw();
+  return attempt(async () => {
+    const { Place } = await import("/assets/place.js");
+    place ??= Place({ graph: () => view, state: () => state, picture: () => made, set, attempt: tryOut, revert, choose, notify });
+    place.open();
+    await picked();
+  });
+}
+
 // ---- history
 
 function historyPane() {
@@ -328,7 +376,7 @@ function handle(event) {
       state.nodes[event.id] = event.node;
       graph.update(event.id, event.node);
       if (event.id === chosen) nodePane();
-      if (event.event !== "start") outputs();
+      if (event.event !== "start") { outputs(); place?.changed(); if (place) picked(); }
       break;
     case "progress":
       state.nodes[event.id] = { ...state.nodes[event.id], status: "running", fraction: event.fraction };
@@ -368,11 +416,21 @@ const KEYS = [
   ["0", "fit the picture into the pane", () => picture.fit()],
   ["1", "one picture pixel per screen pixel", () => picture.whole()],
   ["+ -", "zoom", null],
+  ["p", "picture or place", () => pane($("place").hidden)],
   ["t", "text or nodes", () => tab($("text").hidden)],
   ["Ctrl+Z", "undo the last change of the text", null],
   ["Ctrl+Shift+Z", "redo", null],
   ["Escape", "while a value is edited: back to the text", null],
   ["?", "this list", () => $("keys").showModal()],
+  ["W A S D Q E", "in the place: fly", null],
+  ["arrows, page up and down", "in the place: move the object by 1 cm, with Shift by 10 cm", null],
+  [", .", "in the place: turn the object by 5 degrees", null],
+  ["g", "in the place: put the object on the ground below it", null],
+  ["x", "in the place: click where the object shall stand", null],
+  ["c", "in the place: look through the next camera", null],
+  ["Enter", "in the place: set the camera to this view", null],
+  ["0 f", "in the place: see all of it, or the object", null],
+  ["o", "in the place: the traced picture over the view of its camera", null],
 ];
 
 function exposure(by) {
@@ -390,6 +448,8 @@ document.addEventListener("keydown", (event) => {
     return;
   }
   if (typing || event.ctrlKey || event.metaKey || event.altKey || event.target.matches?.('input[type="range"]') && !"?fsdt".includes(event.key)) return;
+  const inPlace = !$("place").hidden && (event.target === document.body || event.target === $("space"));
+  if (inPlace && place?.key(event)) { event.preventDefault(); return; }
   const more = { "[": () => exposure(-0.5), "]": () => exposure(0.5), "+": () => picture.zoom(1.5), "=": () => picture.zoom(1.5), "-": () => picture.zoom(1 / 1.5) };
   const action = more[event.key] ?? KEYS.find(([key]) => key === event.key)?.[2];
   if (action) { event.preventDefault(); action(); }
@@ -399,6 +459,8 @@ show($("key-list"), KEYS.map(([key, what]) => [el("dt", {}, key), el("dd", {}, w
 $("help").addEventListener("click", () => $("keys").showModal());
 $("undo").addEventListener("click", () => step("/undo"));
 $("redo").addEventListener("click", () => step("/redo"));
+$("tab-picture").addEventListener("click", () => pane(false));
+$("tab-place").addEventListener("click", () => pane(true));
 $("tab-graph").addEventListener("click", () => tab(false));
 $("tab-text").addEventListener("click", () => tab(true));
 $("output").addEventListener("change", () => { output = $("output").value; outputs(); });

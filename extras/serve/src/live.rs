@@ -13,6 +13,7 @@ use crate::door::Door;
 use crate::editor::{Edit, Edited, Editor, OTHER, Refused, SharedGraph, digest_of};
 use crate::history::{Shot, now};
 use crate::state::State;
+use crate::thing::Thing;
 use crate::values::{Decoded, Shown};
 
 /// Number of messages that a slow client may be behind. A client that is further behind gets the whole state instead.
@@ -31,7 +32,9 @@ pub struct Message {
 pub struct Live {
     pub engine: Arc<Engine>,
     pub door: Door,
-    pub decoded: Decoded,
+    pub decoded: Decoded<Shown>,
+    /// Values with a position in space.
+    pub things: Decoded<Thing>,
     /// Number of connected pages.
     pub clients: AtomicUsize,
     handle: Handle,
@@ -56,6 +59,7 @@ impl Live {
             engine,
             door,
             decoded: Decoded::default(),
+            things: Decoded::default(),
             clients: AtomicUsize::new(0),
             handle,
             path,
@@ -203,8 +207,8 @@ impl Live {
 
     /// Writes an edit into the file.
     pub fn set(&self, edit: &Edit) -> Result<Value, Refused> {
-        let (graph, tried) = (self.graph()?, self.is_tried(edit));
-        self.write(|editor| editor.set(&graph, edit, tried))
+        let (graph, tried) = (self.graph()?, self.tried_of(&edit.node));
+        self.write(|editor| editor.set(&graph, edit, &tried))
     }
 
     /// Takes the last change back (`undo`), or makes it again.
@@ -227,18 +231,21 @@ impl Live {
 
     /// Tries a value without writing it: the next runs use it until [`end_try`](Self::end_try) or an edit.
     pub fn try_value(&self, edit: &Edit) -> Result<Value, Refused> {
-        let (graph, tried) = (self.graph()?, self.is_tried(edit));
-        let Edited { whole, .. } = lock(&self.editor).edited(&graph, edit, tried)?;
-        let whole = whole.ok_or_else(|| Refused::Fixed { why: "a value to try is needed".to_owned() })?;
-        lock(&self.tried).insert((edit.node.clone(), edit.field.clone()), whole);
+        let (graph, tried) = (self.graph()?, self.tried_of(&edit.node));
+        let Edited { whole, .. } = lock(&self.editor).edited(&graph, edit, &tried)?;
+        let missing = || Refused::Fixed { why: "a value to try is needed".to_owned() };
+        let whole = whole.into_iter().map(|(field, value)| Some(((edit.node.clone(), field), value?)));
+        let whole: Vec<_> = whole.collect::<Option<_>>().ok_or_else(missing)?;
+        lock(&self.tried).extend(whole);
         self.look();
         Ok(json!({"tried": true}))
     }
 
-    /// True if a value of the field is tried. An overlay of the command line on the field was refused when the trial
-    /// began.
-    fn is_tried(&self, edit: &Edit) -> bool {
-        lock(&self.tried).contains_key(&(edit.node.clone(), edit.field.clone()))
+    /// The fields of a node of which values are tried. An overlay of the command line on such a field was refused when
+    /// the trial began.
+    fn tried_of(&self, node: &str) -> Vec<String> {
+        let tried = lock(&self.tried);
+        tried.keys().filter(|(known, _)| known == node).map(|(_, field)| field.clone()).collect()
     }
 
     /// Ends the trial of values.
@@ -257,8 +264,8 @@ impl Live {
 
     /// The nodes that would run after an edit, and the forecast of their time.
     pub fn plan(&self, edit: &Edit) -> Result<Value, Refused> {
-        let (graph, tried) = (self.graph()?, self.is_tried(edit));
-        let Edited { graph: edited, .. } = lock(&self.editor).edited(&graph, edit, tried)?;
+        let (graph, tried) = (self.graph()?, self.tried_of(&edit.node));
+        let Edited { graph: edited, .. } = lock(&self.editor).edited(&graph, edit, &tried)?;
         let only = self.with_state(|state| state.only.clone());
         let ids: BTreeSet<&str> = only.iter().map(|&index| graph.nodes[index].id.as_str()).collect();
         let only: Vec<usize> =
@@ -275,16 +282,34 @@ impl Live {
         self.handle.hint(vec![self.path.clone()]);
     }
 
-    /// The value with a digest, if the graph has it now, had it before, or had it in a recorded run. Values of other graphs in the
-    /// same cache are not given.
-    pub fn value(&self, digest: &str) -> Option<Arc<Shown>> {
-        let parsed = Digest::from_hex(digest)?;
-        let current = self.with_state(|state| {
+    /// The output that has a value now, and its type.
+    fn current(&self, digest: &str) -> Option<(SharedGraph, Wire, &'static str)> {
+        self.with_state(|state| {
             let (id, port, type_name) = state.find(digest)?;
             let graph = state.graph.clone()?;
             let node = graph.find(&id)?;
             Some((graph, Wire { node, port }, type_name))
-        });
+        })
+    }
+
+    /// The value with a position in space that has this digest, if an output has it now.
+    pub fn thing(&self, digest: &str) -> Option<Arc<Thing>> {
+        let (graph, wire, _) = self.current(digest)?;
+        self.thing_of(&graph, wire, digest)
+    }
+
+    /// The value of an output, whose digest is known.
+    pub fn thing_of(&self, graph: &Graph, wire: Wire, digest: &str) -> Option<Arc<Thing>> {
+        let parsed = Digest::from_hex(digest)?;
+        let type_name = graph.nodes[wire.node].kind.outputs[wire.port].artifact.name;
+        self.things.get(&parsed, || Thing::read(&self.engine, type_name, &parsed, Some((graph, wire))))
+    }
+
+    /// The value with a digest, if the graph has it now, had it before, or had it in a recorded run. Values of other
+    /// graphs in the same cache are not given.
+    pub fn value(&self, digest: &str) -> Option<Arc<Shown>> {
+        let parsed = Digest::from_hex(digest)?;
+        let current = self.current(digest);
         let wire = current.as_ref().map(|(graph, wire, _)| (&**graph, *wire));
         let type_name = match &current {
             Some((_, _, type_name)) => (*type_name).to_owned(),
