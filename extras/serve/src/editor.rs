@@ -195,6 +195,18 @@ impl Editor {
         Ok(())
     }
 
+    /// Replaces the whole text with a text that this program has made.
+    ///
+    /// # Errors
+    /// [`Refused`]; the file then has its old content.
+    pub fn replace(&mut self, graph: &Graph, digest: &str, text: &str, label: &str) -> Result<(), Refused> {
+        let old = self.text_seen(graph, digest)?;
+        parsed(graph, text)?;
+        self.write(&old, text)?;
+        self.history.saved(text, label);
+        Ok(())
+    }
+
     /// Takes the last change back, whether the page or another program made it.
     ///
     /// # Errors
@@ -345,11 +357,15 @@ fn refuse_hidden(
     Ok(())
 }
 
+fn parsed(graph: &Graph, text: &str) -> Result<Graph, Refused> {
+    let (source, _) = Source::new(graph.source.name.clone(), text).including(&graph.root);
+    Graph::parse(source, &nodes::registry(), graph.root.clone())
+        .map_err(|mistakes: Diagnostics| Refused::Invalid { mistakes: mistakes.mistakes() })
+}
+
 /// Parses the edited text. The edit may not change which files are read or written.
 fn checked(graph: &Graph, text: &str) -> Result<Graph, Refused> {
-    let (source, _) = Source::new(graph.source.name.clone(), text).including(&graph.root);
-    let edited = Graph::parse(source, &nodes::registry(), graph.root.clone())
-        .map_err(|mistakes: Diagnostics| Refused::Invalid { mistakes: mistakes.mistakes() })?;
+    let edited = parsed(graph, text)?;
     let read = |graph: &Graph| graph.files().into_iter().collect::<BTreeSet<_>>();
     let written =
         |graph: &Graph| graph.nodes.iter().filter_map(|node| node.sink_path.clone()).collect::<BTreeSet<_>>();

@@ -22,6 +22,7 @@
 //! | `POST /set` `{digest, node, field, at, value, also}` | writes a value, or several of one node, into the text |
 //! | `POST /try`, same body or `null` | uses a value for the next runs without writing it, or ends that |
 //! | `POST /plan`, same body | the nodes that would run, and the forecast of their time |
+//! | `POST /start` `{digest, object, stand}` | puts an object into a captured place: replaces the text with a whole graph |
 //! | `POST /undo`, `/redo` `{digest}` | takes the last change of the text back, or makes it again |
 //!
 //! # Security
@@ -45,6 +46,7 @@ mod page;
 mod place;
 mod routes;
 mod save;
+mod starter;
 mod state;
 mod thing;
 mod thinned;
@@ -53,3 +55,4 @@ mod view;
 
 pub use error::Error;
 pub use page::{Options, Page};
+pub use starter::{Proposal, Stand, Starter};

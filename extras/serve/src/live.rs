@@ -6,18 +6,31 @@ use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use engine::{Digest, Engine, Event, Graph, Handle, Load, StoredOutput, Wire};
+use serde::Deserialize;
 use serde_json::{Value, json};
 use tokio::sync::broadcast;
 
 use crate::door::Door;
 use crate::editor::{Edit, Edited, Editor, OTHER, Refused, SharedGraph, digest_of};
 use crate::history::{Shot, now};
+use crate::starter::{Stand, Starter};
 use crate::state::State;
 use crate::thing::Thing;
 use crate::values::{Decoded, Shown};
 
 /// Number of messages that a slow client may be behind. A client that is further behind gets the whole state instead.
 const BEHIND: usize = 256;
+
+/// A request to put an object into a captured place.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Start {
+    /// Digest of the text that the client has seen.
+    digest: String,
+    /// Name of the object, as [`Starter::objects`] gives it.
+    object: String,
+    stand: Stand,
+}
 
 /// A message to the pages.
 #[derive(Debug)]
@@ -37,6 +50,8 @@ pub struct Live {
     pub things: Decoded<Thing>,
     /// Number of connected pages.
     pub clients: AtomicUsize,
+    /// The writer of a first graph, for a bare capture.
+    pub starter: Option<Box<dyn Starter>>,
     handle: Handle,
     /// Path of the graph file, without links.
     path: PathBuf,
@@ -54,13 +69,21 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 impl Live {
     /// The data of a page about the graph file `path`.
-    pub fn new(engine: Arc<Engine>, handle: Handle, path: PathBuf, door: Door, editor: Editor) -> Self {
+    pub fn new(
+        engine: Arc<Engine>,
+        handle: Handle,
+        path: PathBuf,
+        door: Door,
+        editor: Editor,
+        starter: Option<Box<dyn Starter>>,
+    ) -> Self {
         Self {
             engine,
             door,
             decoded: Decoded::default(),
             things: Decoded::default(),
             clients: AtomicUsize::new(0),
+            starter,
             handle,
             path,
             state: Mutex::default(),
@@ -209,6 +232,21 @@ impl Live {
     pub fn set(&self, edit: &Edit) -> Result<Value, Refused> {
         let (graph, tried) = (self.graph()?, self.tried_of(&edit.node));
         self.write(|editor| editor.set(&graph, edit, &tried))
+    }
+
+    /// Replaces the text with a graph in which an object stands in the captured place.
+    pub fn start(&self, start: &Start) -> Result<Value, Refused> {
+        let fixed = |why: String| Refused::Fixed { why };
+        let graph = self.graph()?;
+        let none = || fixed("this graph was not started from a bare capture".to_owned());
+        let starter = self.starter.as_ref().ok_or_else(none)?;
+        // Only names that were offered, so that a request cannot name a path.
+        if !starter.objects().contains(&start.object) {
+            return Err(fixed("this object is not among the files that were found".to_owned()));
+        }
+        let text = starter.graph(&start.object, &start.stand).map_err(fixed)?;
+        let label = format!("{} put into the place", start.object);
+        self.write(|editor| editor.replace(&graph, &start.digest, &text, &label))
     }
 
     /// Takes the last change back (`undo`), or makes it again.

@@ -42,7 +42,7 @@ impl Survey<'_> {
         let mut json = json!({
             "name": scene.up.name(), "right": right, "forward": forward, "up": up,
             "metres_per_unit": scene.metres_per_unit,
-            "splats": [], "meshes": [], "objects": [], "cameras": [], "probes": [],
+            "start": self.start(), "splats": [], "meshes": [], "objects": [], "cameras": [], "probes": [],
         });
         for (&(node, port), digest) in &self.outputs {
             let wire = Wire { node, port };
@@ -62,6 +62,19 @@ impl Survey<'_> {
             }
         }
         json
+    }
+
+    /// The objects that can be put into a bare capture; `null` if the graph has one, or was not started from a capture.
+    fn start(&self) -> Value {
+        let is_placed = |node: &&std::sync::Arc<engine::Node>| {
+            node.kind.outputs.iter().any(|port| port.artifact.name == "placed")
+        };
+        match &self.live.starter {
+            Some(starter) if !self.graph.nodes.iter().any(|node| is_placed(&node)) => {
+                json!({"proposals": starter.proposals(), "objects": starter.objects()})
+            }
+            _ => Value::Null,
+        }
     }
 
     fn id(&self, node: usize) -> &str {

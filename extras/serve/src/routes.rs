@@ -18,7 +18,7 @@ use crate::ground::{Ray, ground};
 use crate::door::{HEADERS, Refused as Denied};
 use crate::editor::{Edit, MAX_VALUE, Refused};
 use crate::events::events;
-use crate::live::Live;
+use crate::live::{Live, Start};
 use crate::packed::{self, MOST_SPLATS, Surface};
 use crate::place::place;
 use crate::thing::Thing;
@@ -58,6 +58,7 @@ pub fn router(live: Arc<Live>) -> Router {
         .route("/set", post(set))
         .route("/try", post(try_value))
         .route("/plan", post(plan))
+        .route("/start", post(start))
         .route("/undo", post(|state: Shared, body: Bytes| step(state, body, true)))
         .route("/redo", post(|state: Shared, body: Bytes| step(state, body, false)))
         .fallback(file)
@@ -168,6 +169,10 @@ async fn try_value(State(live): Shared, body: Bytes) -> Response {
         None => Ok(live.end_try()),
     })
     .await
+}
+
+async fn start(State(live): Shared, body: Bytes) -> Response {
+    answer(live, body, |live, start: Start| live.start(&start)).await
 }
 
 #[derive(Deserialize)]
