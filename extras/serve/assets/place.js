@@ -6,7 +6,6 @@ import { alongAxis, handles, Lines, onPlane } from "./gizmo.js";
 import { Solid } from "./solid.js";
 import { entries } from "./fields.js";
 
-const IDENTITY = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1];
 // Ground that is steeper than this is not stood on, as for `Pose(pixel: ..)`.
 const STEEP_DEG = 45;
 // A drag of fewer pixels is a click.
@@ -26,6 +25,9 @@ export function Place(page) {
   let view = null;
   // Size of the captured place: the median distance of the splats from their middle.
   let radius = 1;
+  // Lowest and highest splats, without outliers.
+  let heights = [0, 1];
+  const cut = () => { const t = Number($("place-cut").value); return t >= 1 ? Infinity : heights[0] + t * (heights[1] - heights[0]); };
   let selected = 0;
   let hot = null;
   // A drag, a tool that waits for a click, and the keys of flight that are down.
@@ -108,6 +110,10 @@ export function Place(page) {
     const away = [];
     for (let i = 0; i < cloud.count; i += Math.max(1, cloud.count >> 12)) away.push(Math.hypot(cloud.floats[8 * i], cloud.floats[8 * i + 1], cloud.floats[8 * i + 2]));
     radius = away.sort((a, b) => a - b)[away.length >> 1] || 1;
+    const tall = [];
+    for (let i = 0; i < cloud.count; i += Math.max(1, cloud.count >> 12)) tall.push(dot([0, 1, 2].map((k) => cloud.floats[8 * i + k] + cloud.origin[k]), scene.up));
+    tall.sort((a, b) => a - b);
+    heights = [tall[Math.floor(tall.length * 0.02)] ?? 0, tall[Math.floor(tall.length * 0.98)] ?? 1];
     $("splat-count").textContent = cloud.count < cloud.total ? `${cloud.count.toLocaleString("en")} of ${cloud.total.toLocaleString("en")} splats` : `${cloud.count.toLocaleString("en")} splats`;
   }
 
@@ -148,6 +154,7 @@ export function Place(page) {
   // Looks through a camera by its index; below 0, freely.
   function look(index) {
     const camera = scene.cameras[index] ?? null;
+    $("place-cut").value = 1;
     if (camera) view.through(camera, reach(column(camera.matrix, 3), column(camera.matrix, 2)));
     else if (!view.camera && distance(view.eye, [0, 0, 0]) === 0) overview();
     else { view.free(); view.camera = null; }
@@ -159,7 +166,14 @@ export function Place(page) {
     view.free();
     view.camera = null;
     view.target = middle();
-    view.eye = add(middle(), add(mul(scene.forward, -1.9 * radius), mul(scene.up, 1.3 * radius)));
+    view.eye = add(middle(), add(mul(scene.forward, -1.7 * radius), mul(scene.up, 2.1 * radius)));
+    // Without a ceiling, and without what is above the eyes of the first camera.
+    const eye = scene.cameras[startCamera()];
+    const one = object();
+    if (eye) {
+      const top = Math.max(dot(column(eye.matrix, 3), scene.up), one ? dot(corners(one, matrix(one))[1], scene.up) : -Infinity);
+      $("place-cut").value = (top + 0.05 * radius - heights[0]) / (heights[1] - heights[0] || 1);
+    }
     menus();
     redraw();
   }
@@ -599,11 +613,11 @@ export function Place(page) {
     if (!scene || pane.hidden || !view) return;
     view.size = [box.clientWidth, box.clientHeight];
     if (!view.size[0] || !view.size[1]) return;
-    const solids = scene.objects.filter((one) => solid.has(one.shape)).map((one) => [one.shape, matrix(one), [1, 1, 1, 0]]);
-    const shown = $("place-mesh").checked && mesh();
-    if (shown && solid.has(shown.digest)) solids.push([shown.digest, IDENTITY, [0.62, 0.72, 0.85, 0.75]]);
+    const objects = scene.objects.filter((one) => solid.has(one.shape)).map((one) => [one.shape, matrix(one)]);
+    const solids = $("place-objects").checked ? objects : [];
+    const ghost = $("place-mesh").checked ? mesh()?.digest : null;
     const near = Math.min(0.2 * metre(), 0.05 * radius);
-    solid.draw(view, { solids: $("place-objects").checked ? solids : solids.slice(scene.objects.length), showSplats: $("place-cloud").checked, scale: radius, near, ratio: devicePixelRatio * (drag?.going || flying.size || rough < 1 ? rough : 1) });
+    solid.draw(view, { solids, ghost, showSplats: $("place-cloud").checked, scale: radius, near, cut: cut(), ratio: devicePixelRatio * (drag?.going || flying.size || rough < 1 ? rough : 1) });
     lines.begin(view, devicePixelRatio);
     if (view.camera) lines.mask();
     if ($("place-guides").checked) {
@@ -623,7 +637,7 @@ export function Place(page) {
     lines.triad();
     overlay();
     const why = cameraFixed();
-    $("place-set").hidden = !view.camera;
+    $("place-set").hidden = view.camera?.kind !== "Camera";
     $("place-set").disabled = Boolean(why) || view.exact;
     $("place-set").textContent = view.camera ? `Set \`${view.camera.node}\` to this view` : "";
     $("place-set").title = why ?? (view.exact ? "Move the view first" : "Writes eye and target of the camera (Enter)");
@@ -668,6 +682,7 @@ export function Place(page) {
   $("place-splats").addEventListener("change", () => splats().then(redraw));
   $("place-object").addEventListener("change", () => { selected = Number($("place-object").value); page.choose(object().pose_id ?? object().node); redraw(); });
   $("place-mesh").addEventListener("change", async () => { if (mesh()) await shape(mesh().digest, `/mesh/${mesh().digest}`); redraw(); });
+  $("place-cut").addEventListener("input", redraw);
   for (const id of ["place-cloud", "place-objects", "place-guides", "place-corner"]) $(id).addEventListener("change", redraw);
   $("place-onion").addEventListener("input", () => onion(Number($("place-onion").value)));
   $("place-click").addEventListener("click", placeByClick);

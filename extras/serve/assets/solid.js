@@ -11,7 +11,8 @@ uniform mat3 view;
 uniform vec3 offset;
 uniform vec4 lens;
 uniform vec2 size, range;
-uniform float near;
+uniform float near, cut;
+uniform vec3 up;
 in uint index;
 out vec2 place;
 flat out vec4 colour;
@@ -21,7 +22,7 @@ void main() {
   vec3 p = view * (uintBitsToFloat(a.xyz) + offset);
   gl_Position = vec4(0.0, 0.0, 2.0, 1.0);
   colour = vec4(a.w & 255u, (a.w >> 8) & 255u, (a.w >> 16) & 255u, a.w >> 24) / 255.0;
-  if (p.z <= near || colour.a < 1.0 / 255.0) return;
+  if (p.z <= near || dot(uintBitsToFloat(a.xyz) + offset, up) > cut || colour.a < 1.0 / 255.0) return;
   vec2 xx = unpackHalf2x16(b.y), xz = unpackHalf2x16(b.z), zz = unpackHalf2x16(b.w);
   mat3 spread = mat3(xx.x, xx.y, xz.x, xx.y, xz.y, zz.x, xz.x, zz.x, zz.y);
   vec2 low = (-0.15 * size - lens.zw) / lens.xy, high = (1.15 * size - lens.zw) / lens.xy;
@@ -61,13 +62,16 @@ uniform mat3 view, linear;
 uniform vec3 offset;
 uniform vec4 lens;
 uniform vec2 size, range;
+uniform vec3 above;
 in vec3 position, normal;
 in vec4 colour;
 out vec3 at, facing;
+out float height;
 out vec4 tint;
 void main() {
-  vec3 p = view * (linear * position + offset);
+  vec3 world = linear * position + offset, p = view * world;
   at = p;
+  height = dot(world, above);
   facing = view * (linear * normal);
   tint = colour;
   vec2 scale = 2.0 * lens.xy / size, shift = 2.0 * lens.zw / size - 1.0;
@@ -79,19 +83,24 @@ const MESH_FRAGMENT = `#version 300 es
 precision highp float;
 uniform bool flat_shaded;
 uniform vec4 mixed;
+uniform float opacity, cut;
 uniform vec3 up;
 in vec3 at, facing;
+in float height;
 in vec4 tint;
 out vec4 result;
 void main() {
+  if (height > cut) discard;
   vec3 n = normalize(flat_shaded ? cross(dFdx(at), dFdy(at)) : facing);
   vec3 way = normalize(-at);
   n = dot(n, way) < 0.0 ? -n : n;
   // Light from above, and from the eye.
   float light = 0.42 + 0.22 * dot(n, up) + 0.42 * pow(max(dot(n, way), 0.0), 1.5);
   vec3 rgb = mix(tint.rgb, mixed.rgb, mixed.a) * light;
-  result = vec4(rgb, 1.0);
+  result = vec4(rgb, 1.0) * opacity;
 }`;
+
+const IDENTITY = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1];
 
 export function Solid(canvas) {
   const gl = canvas.getContext("webgl2", { alpha: true, antialias: true, preserveDrawingBuffer: true, premultipliedAlpha: true });
@@ -218,8 +227,9 @@ export function Solid(canvas) {
     gl.drawElements(gl.TRIANGLES, one.count, gl.UNSIGNED_INT, 0);
   }
 
-  // Draws the scene. `solids` are [name, matrix, tint]; splats nearer than `near` are left out.
-  function draw(view, { solids, showSplats, scale, near, ratio }) {
+  // Draws the scene. `solids` are [name, matrix]; `ghost` is a mesh in the world that is drawn transparently. Splats
+  // nearer than `near`, or higher than `cut`, are left out.
+  function draw(view, { solids, ghost, showSplats, scale, near, cut, ratio }) {
     const size = view.size.map((v) => Math.max(1, Math.round(v * ratio)));
     if (canvas.width !== size[0] || canvas.height !== size[1]) [canvas.width, canvas.height] = size;
     gl.viewport(0, 0, ...size);
@@ -227,14 +237,27 @@ export function Solid(canvas) {
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     const range = planes(scale);
     gl.enable(gl.DEPTH_TEST);
+    gl.depthFunc(gl.LEQUAL);
+    gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+    const { up } = view.frame;
+    // Relative to the eye.
+    const ceiling = Math.min(1e30, cut - dot(view.eye, up));
+    const meshed = (opacity, list, top = 1e30) => {
+      gl.useProgram(meshProgram.made);
+      gl.uniform3f(meshProgram.at("above"), ...up);
+      gl.uniform1f(meshProgram.at("cut"), top);
+      uniforms(meshProgram, view, size, ratio, range);
+      gl.uniform1f(meshProgram.at("opacity"), opacity);
+      for (const [name, matrix, mixed] of list) drawMesh(view, name, matrix, mixed, up);
+    };
     gl.disable(gl.BLEND);
-    gl.useProgram(meshProgram.made);
-    uniforms(meshProgram, view, size, ratio, range);
-    for (const [name, matrix, mixed] of solids) drawMesh(view, name, matrix, mixed, view.frame.up);
+    meshed(1, solids.map(([name, matrix]) => [name, matrix, [0, 0, 0, 0]]));
     if (showSplats && cloud?.count) {
       gl.useProgram(splatProgram.made);
       const forward = uniforms(splatProgram, view, size, ratio, range);
       gl.uniform1f(splatProgram.at("near"), near);
+      gl.uniform1f(splatProgram.at("cut"), ceiling);
+      gl.uniform3f(splatProgram.at("up"), ...up);
       gl.uniform3f(splatProgram.at("offset"), ...sub(cloud.origin, view.eye));
       gl.bindVertexArray(cloud.array);
       // The order of planar depths depends only on the direction.
@@ -248,10 +271,20 @@ export function Solid(canvas) {
       gl.bindTexture(gl.TEXTURE_2D, cloud.texture);
       gl.uniform1i(splatProgram.at("splats"), 0);
       gl.enable(gl.BLEND);
-      gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
       gl.depthMask(false);
       gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, cloud.count);
       gl.depthMask(true);
+    }
+    if (ghost && meshes.has(ghost)) {
+      // The nearest surface only: first depth, then colour.
+      const whole = [[ghost, IDENTITY, [0.62, 0.74, 0.9, 0.8]]];
+      gl.clear(gl.DEPTH_BUFFER_BIT);
+      gl.colorMask(false, false, false, false);
+      meshed(1, whole, ceiling);
+      meshed(1, solids.map(([name, matrix]) => [name, matrix, [0, 0, 0, 0]]));
+      gl.colorMask(true, true, true, true);
+      gl.enable(gl.BLEND);
+      meshed(showSplats ? 0.6 : 1, whole, ceiling);
     }
     gl.bindVertexArray(null);
   }
