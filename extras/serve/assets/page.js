@@ -88,6 +88,7 @@ async function refresh() {
     nodePane();
     texts();
     place?.changed();
+    begin();
   });
   const { again } = fetching;
   fetching = null;
@@ -315,6 +316,14 @@ async function picked() {
   } catch { /* the next result comes */ }
 }
 
+// A bare capture is shown as a place at once.
+let begun = false;
+async function begin() {
+  if (begun) return;
+  begun = true;
+  if (view.nodes && !view.nodes.some((node) => node.kind === "PathTrace") && view.starts) await pane(true);
+}
+
 async function pane(toPlace) {
   $("picture").hidden = toPlace;
   $("place").hidden = !toPlace;
@@ -323,7 +332,7 @@ async function pane(toPlace) {
   if (!toPlace) return picture.redraw();
   return attempt(async () => {
     const { Place } = await import("/assets/place.js");
-    place ??= Place({ graph: () => view, state: () => state, picture: () => made, set, attempt: tryOut, revert, choose, notify });
+    place ??= Place({ graph: () => view, state: () => state, picture: () => made, set, attempt: tryOut, revert, choose, notify, start: (data) => attempt(() => change("/start", data)) });
     place.open();
     await picked();
   });

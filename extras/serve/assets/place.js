@@ -73,6 +73,7 @@ export function Place(page) {
     if (!drag && override && (!settled || override.done && String(settled.matrix) !== String(override.before))) override = null;
     selected = Math.max(0, Math.min(selected, next.objects.length - 1));
     menus();
+    starting();
     if (first) await splats();
     for (const one of next.objects) await shape(one.shape, `/object/${one.shape}`);
     if ($("place-mesh").checked && mesh()) await shape(mesh().digest, `/mesh/${mesh().digest}`);
@@ -401,7 +402,7 @@ export function Place(page) {
   }
 
   box.addEventListener("pointerdown", (event) => {
-    if (!scene || event.target.closest("button, input, label")) return;
+    if (!scene || event.target.closest("#start")) return;
     box.focus({ preventScroll: true });
     const p = where(event);
     box.setPointerCapture(event.pointerId);
@@ -503,6 +504,48 @@ export function Place(page) {
       const start = grab(object());
       onto(start, [view.eye, view.ray(...p)], () => { wait(null); commit(start); });
     });
+  }
+
+  // ---- an object for a bare capture
+
+  let panel = "";
+  function starting() {
+    const signature = JSON.stringify(scene.start);
+    if (signature === panel) return;
+    panel = signature;
+    $("start").hidden = !scene.start;
+    if (!scene.start) return;
+    const { proposals, objects } = scene.start;
+    const list = el("select", { id: "start-object", "aria-label": "Object" }, objects.map((name) => el("option", { value: name }, name)));
+    show($("start"), el("h3", {}, "Put an object into the place"),
+      objects.length ? el("p", {}, list, " ", el("button", { id: "start-click", type: "button", onclick: stand }, "Click the floor"))
+        : el("p", {}, "There is no .glb or .gltf file in the folder of the graph or of the capture. Copy one there, and open this page again."),
+      el("p", { class: "dim" }, "The camera of the picture will be where you look from."),
+      el("dl", {}, proposals.map(({ what, value }) => [el("dt", {}, what), el("dd", {}, value)]).flat()));
+  }
+
+  // Waits for a click on the floor, and writes a graph with the object there and the camera as the view is.
+  function stand() {
+    if (tool) return wait(null);
+    const object = $("start-object").value;
+    return wait((p) => ask([view.eye, view.ray(...p)], async (found) => {
+      if (!stands(found)) return;
+      spot = found.position;
+      wait(null);
+      redraw();
+      note("Measuring the light and writing the graph ..");
+      const { fy } = view.lens();
+      const fov = (360 / Math.PI) * Math.atan(view.rectangle()[3] / 2 / fy);
+      const digits = decimals();
+      const rounded = (v) => v.map((one) => Number(one.toFixed(digits)));
+      const forward = view.axes()[2];
+      // The point in the middle of the picture, at the distance of the object.
+      const target = add(view.eye, mul(forward, Math.max(1e-3 * radius, dot(sub(found.position, view.eye), forward))));
+      await page.start({ object, stand: { place: found.position, eye: rounded(view.eye), target: rounded(target), fov_y_deg: Number(fov.toFixed(2)) } });
+      note("");
+      spot = null;
+      load();
+    }));
   }
 
   // ---- cameras
@@ -639,8 +682,8 @@ export function Place(page) {
     const why = cameraFixed();
     $("place-set").hidden = view.camera?.kind !== "Camera";
     $("place-set").disabled = Boolean(why) || view.exact;
-    $("place-set").textContent = view.camera ? `Set \`${view.camera.node}\` to this view` : "";
-    $("place-set").title = why ?? (view.exact ? "Move the view first" : "Writes eye and target of the camera (Enter)");
+    $("place-set").textContent = "Set camera";
+    $("place-set").title = why ?? (view.exact ? "Move the view first" : `Writes eye and target of \`${view.camera?.node}\` (Enter)`);
   }
 
   function position() {

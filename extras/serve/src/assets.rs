@@ -32,8 +32,9 @@ mod tests {
     #[test]
     fn the_page_is_small_and_needs_no_network() {
         // The code of the place view is loaded only when it is opened.
-        let is_later =
-            |path: &str| ["place", "space", "solid", "gizmo"].iter().any(|name| path.contains(&format!("/{name}.js")));
+        let is_later = |path: &str| {
+            ["place", "space", "solid", "gizmo"].iter().any(|name| path.contains(&format!("/{name}.js")))
+        };
         let bytes = |later: bool| -> usize {
             FILES.iter().filter(|(path, ..)| is_later(path) == later).map(|(.., content)| content.len()).sum()
         };

@@ -37,8 +37,7 @@ pub fn ground(live: &Live, ray: &Ray) -> Result<Value, String> {
     let scene = scene.ok_or("the graph has mistakes")?;
     let up = axes(scene.up)[2];
     let right = forward.any_orthonormal_vector();
-    let camera =
-        Camera::centred("view", [1, 1], ray.focal_px, [right, forward.cross(right), forward], eye);
+    let camera = Camera::centred("view", [1, 1], ray.focal_px, [right, forward.cross(right), forward], eye);
     let thing = live.thing(&ray.digest).ok_or("this value is not in the cache any more")?;
     let picked = match &*thing {
         Thing::Mesh(mesh) => on_mesh(mesh, &camera, [0.5, 0.5]),
@@ -47,5 +46,7 @@ pub fn ground(live: &Live, ray: &Ray) -> Result<Value, String> {
     };
     let picked = picked.map_err(|_| "there is no surface along this ray".to_owned())?;
     let steep = nodes::math::num::atan2(picked.normal.cross(up).length(), picked.normal.dot(up)).to_degrees();
-    Ok(json!({"position": picked.position.to_array(), "normal": picked.normal.to_array(), "steep_deg": steep}))
+    Ok(
+        json!({"position": picked.position.to_array(), "normal": picked.normal.to_array(), "steep_deg": steep}),
+    )
 }

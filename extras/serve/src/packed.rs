@@ -76,7 +76,8 @@ pub fn splats(splats: &Splats, most: usize) -> Vec<u8> {
         let largest = f64::from(scale[0].max(scale[1]).max(scale[2]));
         let unit = (largest * largest).max(1e-30);
         packed.word((unit as f32).to_bits());
-        let halves = covariance(splats.quats[index], scale, unit).map(|v| half::f16::from_f64(v).to_le_bytes());
+        let halves =
+            covariance(splats.quats[index], scale, unit).map(|v| half::f16::from_f64(v).to_le_bytes());
         packed.0.extend(halves.as_flattened());
     }
     packed.0
@@ -163,7 +164,9 @@ fn base(object: &Object, part: &Primitive, material: &Material, vertex: usize) -
     let [r, g, b, alpha] = material.base_colour;
     let mut rgb = [r, g, b];
     let mut times = |other: [f32; 3]| rgb.iter_mut().zip(other).for_each(|(v, other)| *v *= other);
-    if let Some(texel) = material.base_colour_texture.and_then(|texture| texel(object, part, &texture, vertex)) {
+    if let Some(texel) =
+        material.base_colour_texture.and_then(|texture| texel(object, part, &texture, vertex))
+    {
         times(texel);
     }
     if let Some([r, g, b, _]) = part.colours.get(vertex) {

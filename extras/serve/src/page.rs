@@ -79,7 +79,8 @@ impl Page {
         let text = engine::read_text(&graph, engine::MAX_GRAPH_BYTES);
         let text = text.map_err(|error| Error::Graph { path: options.graph.clone(), error })?;
         let editor = Editor::new(graph.clone(), History::open(file(".history.jsonl"), &text));
-        let live = Arc::new(Live::new(engine, handle, graph, Door::new(token, port), editor, options.starter));
+        let live =
+            Arc::new(Live::new(engine, handle, graph, Door::new(token, port), editor, options.starter));
         let (stop, stopped) = oneshot::channel();
         let served = live.clone();
         let serve = move || {

@@ -139,7 +139,8 @@ impl Survey<'_> {
         let thing = self.thing(wire, digest)?;
         let Thing::Placed(placed) = &*thing else { return None };
         // The shape of an object that moves is loaded once.
-        let shape = self.above(wire.node, &["object"]).and_then(|above| self.outputs.get(&(above.node, above.port)));
+        let shape =
+            self.above(wire.node, &["object"]).and_then(|above| self.outputs.get(&(above.node, above.port)));
         let pose = self.pose_of(wire.node);
         Some(json!({
             "node": self.id(wire.node),

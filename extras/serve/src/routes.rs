@@ -14,10 +14,10 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use crate::assets;
-use crate::ground::{Ray, ground};
 use crate::door::{HEADERS, Refused as Denied};
 use crate::editor::{Edit, MAX_VALUE, Refused};
 use crate::events::events;
+use crate::ground::{Ray, ground};
 use crate::live::{Live, Start};
 use crate::packed::{self, MOST_SPLATS, Surface};
 use crate::place::place;
@@ -148,7 +148,12 @@ async fn session(State(live): Shared, body: Bytes) -> Response {
 }
 
 async fn graph(State(live): Shared) -> Response {
-    match tokio::task::spawn_blocking(move || live.with_state(view)).await {
+    let described = move || {
+        let mut view = live.with_state(view);
+        view["starts"] = live.starter.is_some().into();
+        view
+    };
+    match tokio::task::spawn_blocking(described).await {
         Ok(view) => Json(view).into_response(),
         Err(_) => failed("the graph cannot be described"),
     }

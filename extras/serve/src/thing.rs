@@ -39,7 +39,9 @@ impl Thing {
                 engine
                     .in_memory::<$type>(digest)
                     .or_else(|| engine.stored::<$type>(digest).map(Arc::new))
-                    .or_else(|| wire.and_then(|(graph, wire)| engine.value::<$type>(graph, wire)).map(Arc::new))
+                    .or_else(|| {
+                        wire.and_then(|(graph, wire)| engine.value::<$type>(graph, wire)).map(Arc::new)
+                    })
                     .map(Self::$type)
             };
         }
@@ -71,7 +73,8 @@ impl Weight for Thing {
             Self::Object(_) | Self::Placed(_) => self.object().map_or(0, |object| {
                 let textures: usize = object.textures.iter().map(|texture| texture.rgba.len()).sum();
                 let parts = object.primitives.iter();
-                textures + parts.map(|part| part.positions.len() * 72 + part.triangles.len() * 12).sum::<usize>()
+                textures
+                    + parts.map(|part| part.positions.len() * 72 + part.triangles.len() * 12).sum::<usize>()
             }),
             Self::Rig(rig) => rig.cameras.len() * 256,
         }

@@ -109,7 +109,6 @@ impl Shown {
         });
         Description { pictures: pictures.collect(), report: self.report.as_ref() }
     }
-
 }
 
 impl Weight for Shown {

@@ -63,7 +63,12 @@ pub fn of_capture(standing: &Standing, metres_per_unit: f64) -> [Assumption; 3] 
     let ceiling = stand.ceiling.map(|c| format!(", ceiling at {}", length(c * axis.1, digits)));
     let floor = Assumption {
         what: "floor",
-        value: format!("{} = {}{}", axis.0, length(stand.floor * axis.1, digits), ceiling.unwrap_or_default()),
+        value: format!(
+            "{} = {}{}",
+            axis.0,
+            length(stand.floor * axis.1, digits),
+            ceiling.unwrap_or_default()
+        ),
         confidence: Some(stand.floor_confidence.min(standing.confidence)),
     };
     let (value, confidence) = match stand.scale.metres_per_unit {

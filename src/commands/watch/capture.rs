@@ -99,8 +99,9 @@ fn collect(folder: &Path, depth: usize, found: &mut Vec<String>) {
     paths.sort();
     for path in paths {
         let is_hidden = path.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.'));
-        let is_object =
-            path.extension().is_some_and(|end| ["glb", "gltf"].iter().any(|known| end.eq_ignore_ascii_case(known)));
+        let is_object = path
+            .extension()
+            .is_some_and(|end| ["glb", "gltf"].iter().any(|known| end.eq_ignore_ascii_case(known)));
         if found.len() >= MOST_OBJECTS || is_hidden {
             continue;
         }
@@ -114,7 +115,8 @@ fn collect(folder: &Path, depth: usize, found: &mut Vec<String>) {
 
 impl Starter for Capture {
     fn proposals(&self) -> Vec<Proposal> {
-        let propose = |one: assumptions::Assumption| Proposal { what: one.what.to_owned(), value: one.text() };
+        let propose =
+            |one: assumptions::Assumption| Proposal { what: one.what.to_owned(), value: one.text() };
         assumptions::of_capture(&self.standing, self.metres_per_unit).into_iter().map(propose).collect()
     }
 
@@ -134,7 +136,8 @@ impl Starter for Capture {
             photo: None,
         };
         let [place, eye, target] = [stand.place, stand.eye, stand.target].map(DVec3::from_array);
-        let is_seen = place.is_finite() && eye.is_finite() && target.is_finite() && (target - eye).length() > 0.0;
+        let is_seen =
+            place.is_finite() && eye.is_finite() && target.is_finite() && (target - eye).length() > 0.0;
         if !is_seen || !(0.1..=170.0).contains(&stand.fov_y_deg) {
             return Err("the place and the camera must be finite".to_owned());
         }

@@ -1,10 +1,10 @@
 //! `watch`: runs a graph again whenever it or a file it reads changes.
 
+#[cfg(feature = "serve")]
+mod capture;
 #[cfg(not(feature = "serve"))]
 #[path = "absent.rs"]
 mod page;
-#[cfg(feature = "serve")]
-mod capture;
 #[cfg(feature = "serve")]
 mod page;
 

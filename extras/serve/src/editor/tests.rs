@@ -92,7 +92,14 @@ fn edit(random: &mut Random, text: &str) -> Edit {
         }
         _ => Some(random.number()),
     };
-    Edit { digest: digest_of(text), node: node.to_owned(), field: field.to_owned(), at, value, also: Vec::new() }
+    Edit {
+        digest: digest_of(text),
+        node: node.to_owned(),
+        field: field.to_owned(),
+        at,
+        value,
+        also: Vec::new(),
+    }
 }
 
 #[test]

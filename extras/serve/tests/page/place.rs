@@ -59,7 +59,9 @@ fn the_place_says_what_is_where() {
     let count = head["count"].as_u64().unwrap() as usize;
     assert_eq!((bytes.len(), &head["total"]), (count * 32, &head["count"]));
     assert!(count > 1000);
-    assert!(bytes.as_chunks::<32>().0.iter().all(|splat| floats(&splat[..12]).iter().all(|v| v.abs() < 100.0)));
+    assert!(
+        bytes.as_chunks::<32>().0.iter().all(|splat| floats(&splat[..12]).iter().all(|v| v.abs() < 100.0))
+    );
     assert_eq!(splats.header("cache-control"), Some("private, max-age=31536000, immutable"));
     for (path, normals) in [
         (format!("/object/{}", object["shape"].as_str().unwrap()), true),
@@ -67,7 +69,8 @@ fn the_place_says_what_is_where() {
     ] {
         let response = lab.get(&path);
         let (head, bytes) = unpacked(&response);
-        let [vertices, triangles] = ["vertices", "triangles"].map(|name| head[name].as_u64().unwrap() as usize);
+        let [vertices, triangles] =
+            ["vertices", "triangles"].map(|name| head[name].as_u64().unwrap() as usize);
         let each = if normals { 28 } else { 16 };
         assert_eq!(bytes.len(), vertices * each + triangles * 12, "{path}: {head}");
         let corners = &bytes[vertices * each..];
@@ -99,7 +102,10 @@ fn the_ground_lies_where_a_ray_meets_the_mesh_or_the_splats() {
         assert!(found["steep_deg"].as_f64().unwrap() < 20.0, "{found}");
     }
     let found = down("meshes", [1e4, 0.0, 1.4]);
-    assert_eq!((&found["position"], &found["why"]), (&Value::Null, &json!("there is no surface along this ray")));
+    assert_eq!(
+        (&found["position"], &found["why"]),
+        (&Value::Null, &json!("there is no surface along this ray"))
+    );
     let digest = &place["meshes"][0]["digest"];
     for (eye, way, focal) in [([0.0; 3], [0.0; 3], 1.0), ([0.0; 3], [0.0, 0.0, 1.0], -1.0)] {
         let ray = json!({"digest": digest, "eye": eye, "way": way, "focal_px": focal});
@@ -115,12 +121,14 @@ fn several_values_of_a_node_are_written_by_one_edit() {
         json!({"digest": digest_of(&lab.text()), "node": "camera", "field": "eye", "value": "(1.0, -2.0, 1.5)", "also": also})
             .to_string()
     };
-    let both = json!([{"field": "target", "value": "(0.0, 0.5, 0.25)"}, {"field": "roll_deg", "value": "5.0"}]);
+    let both =
+        json!([{"field": "target", "value": "(0.0, 0.5, 0.25)"}, {"field": "roll_deg", "value": "5.0"}]);
     assert_eq!(lab.post("/try", &edit(both.clone())).status, 200);
     assert_eq!(lab.text(), GRAPH, "a trial is not written");
     lab.until("the trial is used", |lab| {
         let graph = lab.get("/graph").json();
-        let camera = graph["nodes"].as_array().unwrap().iter().find(|node| node["id"] == "camera").unwrap().clone();
+        let camera =
+            graph["nodes"].as_array().unwrap().iter().find(|node| node["id"] == "camera").unwrap().clone();
         camera["values"]["eye"]["value"] == "(1.0,-2.0,1.5)" && camera["values"]["roll_deg"]["value"] == "5.0"
     });
     assert_eq!(lab.post("/set", &edit(both)).status, 200);
