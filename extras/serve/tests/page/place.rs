@@ -8,19 +8,50 @@ const SCENE: &str = r#"Graph(
     version: 1,
     scene: (up: "+z", metres_per_unit: 0.5, seed: 3),
     nodes: (
-        demo:   DemoScene(splats: 2000, width_px: 32, height_px: 24, truth_width_px: 16),
-        pose:   Pose(translation: (0.0, 0.0, 1.2), yaw_deg: 30.0), // above the table
-        stands: Snap(object: "demo.object", pose: "pose", mesh: "demo.proxy"),
-        placed: Place(object: "demo.object", pose: "stands.pose"),
+        place:  LoadSplats(path: "demo.ply"),
+        floor:  LoadMesh(path: "floor.obj"),
+        object: LoadObject(path: "box.gltf"),
+        sky:    LoadEnvironment(path: "sky.hdr"),
+        pose:   Pose(translation: (1.0, 0.5, 0.3), yaw_deg: 30.0), // above the floor
+        stands: Snap(object: "object", pose: "pose", mesh: "floor"),
+        placed: Place(object: "object", pose: "stands.pose"),
         probe:  CubeRig(at: "pose", size_px: 16),
         camera: Camera(eye: (4.0, -5.0, 3.0), target: (0.0, 0.0, 1.0), width_px: 16, height_px: 12),
-        trace:  PathTrace(receiver: "demo.proxy", objects: ["placed"], rig: "camera", env: "demo.truth_env", samples: 1),
-        faces:  SplatRender(splats: "demo.splats", rig: "probe"),
-        save:   WriteImage(image: "trace.object", path: "object.exr"),
+        trace:  PathTrace(receiver: "floor", objects: ["placed"], rig: "camera", env: "sky", samples: 1),
+        faces:  SplatRender(splats: "place", rig: "probe"),
+        save:   WriteImage(image: "trace.object", path: "object.png"),
         other:  WriteImage(image: "faces.colour", path: "{view}.png"),
     ),
 )
 "#;
+
+/// A page of the scene, with a tetrahedron as the object and a square as the floor.
+fn scene() -> Lab {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, bytes: &[u8]| std::fs::write(folder.path().join(name), bytes).unwrap();
+    write("graph.ron", SCENE.as_bytes());
+    write("floor.obj", b"v -4 -4 0\nv 4 -4 0\nv 4 4 0\nv -4 4 0\nf 1 2 3\nf 1 3 4\n");
+    let corners: [[f32; 3]; 4] = [[-0.2, 0.0, -0.2], [0.2, 0.0, -0.2], [0.0, 0.0, 0.3], [0.0, 0.6, 0.0]];
+    let faces: [[u16; 3]; 4] = [[0, 1, 2], [0, 3, 1], [1, 3, 2], [2, 3, 0]];
+    let positions = corners.as_flattened().iter().flat_map(|v| v.to_le_bytes());
+    let indices = faces.as_flattened().iter().flat_map(|v| v.to_le_bytes());
+    write("box.bin", &positions.chain(indices).collect::<Vec<u8>>());
+    let object = json!({
+        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3", "min": [-0.2, 0.0, -0.2], "max": [0.2, 0.6, 0.3]},
+            {"bufferView": 1, "componentType": 5123, "count": 12, "type": "SCALAR"},
+        ],
+        "bufferViews": [{"buffer": 0, "byteOffset": 0, "byteLength": 48}, {"buffer": 0, "byteOffset": 48, "byteLength": 24}],
+        "buffers": [{"uri": "box.bin", "byteLength": 72}],
+    });
+    write("box.gltf", object.to_string().as_bytes());
+    let sky =
+        [b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4 +X 8\n".as_slice(), &[128, 128, 128, 129].repeat(32)];
+    write("sky.hdr", &sky.concat());
+    Lab::at(std::sync::Arc::new(folder), None).unwrap()
+}
 
 /// The description of packed bytes, and the bytes after it.
 fn unpacked(response: &Response) -> (Value, &[u8]) {
@@ -37,19 +68,20 @@ fn floats(bytes: &[u8]) -> Vec<f32> {
 
 #[test]
 fn the_place_says_what_is_where() {
-    let lab = Lab::new(SCENE);
+    let lab = scene();
     lab.idle();
     let place = lab.get("/place").json();
     assert_eq!(place["metres_per_unit"], 0.5);
     assert_eq!((&place["up"], &place["name"]), (&json!([0.0, 0.0, 1.0]), &json!("+z")));
     let count = |list: &str| place[list].as_array().unwrap().len();
-    assert_eq!(["splats", "meshes", "objects", "cameras", "probes"].map(count), [1, 1, 1, 2, 1], "{place}");
+    assert_eq!(["splats", "meshes", "objects", "cameras", "probes"].map(count), [1, 1, 1, 1, 1], "{place}");
     let object = &place["objects"][0];
     assert_eq!((&object["node"], &object["pose"]), (&json!("placed"), &json!("pose")), "through `Snap`");
     // Two units per metre, and y of the file is up.
     let matrix: Vec<f64> = object["matrix"].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
     let length = (0..3).map(|i| matrix[4 + i] * matrix[4 + i]).sum::<f64>().sqrt();
     assert!((length - 2.0).abs() < 1e-9 && (matrix[6] - 2.0).abs() < 1e-9, "{matrix:?}");
+    assert!(matrix[14].abs() < 1e-6 && (matrix[12] - 1.0).abs() < 1e-9, "on the floor: {matrix:?}");
     assert_eq!(place["meshes"][0]["receiver"], true);
     assert_eq!(place["cameras"][0]["node"], "camera");
     assert_eq!(place["probes"][0]["node"], "probe");
@@ -84,7 +116,7 @@ fn the_place_says_what_is_where() {
 
 #[test]
 fn the_ground_lies_where_a_ray_meets_the_mesh_or_the_splats() {
-    let lab = Lab::new(SCENE);
+    let lab = scene();
     lab.idle();
     let place = lab.get("/place").json();
     let down = |list: &str, eye: [f64; 3]| {
@@ -94,11 +126,11 @@ fn the_ground_lies_where_a_ray_meets_the_mesh_or_the_splats() {
         assert_eq!(response.status, 200);
         response.json()
     };
-    // The table is 0.44 m high, which are 0.88 units.
-    for (list, bound) in [("meshes", 0.02), ("splats", 0.1)] {
-        let found = down(list, [0.1, 0.2, 1.4]);
+    // The floor, and a sphere with a standard deviation of 0.22 at a height of 0.2.
+    for (list, range) in [("meshes", -1e-9..1e-9), ("splats", 0.2..0.65)] {
+        let found = down(list, [0.0, 0.0, 2.0]);
         let height = found["position"][2].as_f64().unwrap_or_else(|| panic!("{found}"));
-        assert!((height - 0.88).abs() < bound, "{list}: {found}");
+        assert!(range.contains(&height), "{list}: {found}");
         assert!(found["steep_deg"].as_f64().unwrap() < 20.0, "{found}");
     }
     let found = down("meshes", [1e4, 0.0, 1.4]);
@@ -125,11 +157,14 @@ fn several_values_of_a_node_are_written_by_one_edit() {
         json!([{"field": "target", "value": "(0.0, 0.5, 0.25)"}, {"field": "roll_deg", "value": "5.0"}]);
     assert_eq!(lab.post("/try", &edit(both.clone())).status, 200);
     assert_eq!(lab.text(), GRAPH, "a trial is not written");
-    lab.until("the trial is used", |lab| {
+    let value = |lab: &Lab, name: &str| {
         let graph = lab.get("/graph").json();
-        let camera =
-            graph["nodes"].as_array().unwrap().iter().find(|node| node["id"] == "camera").unwrap().clone();
-        camera["values"]["eye"]["value"] == "(1.0,-2.0,1.5)" && camera["values"]["roll_deg"]["value"] == "5.0"
+        let nodes = graph["nodes"].as_array().unwrap().clone();
+        let camera = nodes.into_iter().find(|node| node["id"] == "camera").unwrap();
+        camera["values"][name]["value"].as_str().unwrap().replace(' ', "")
+    };
+    lab.until("the trial is used", |lab| {
+        value(lab, "eye") == "(1.0,-2.0,1.5)" && value(lab, "roll_deg") == "5.0"
     });
     assert_eq!(lab.post("/set", &edit(both)).status, 200);
     let expected = GRAPH
