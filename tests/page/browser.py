@@ -7,7 +7,7 @@ PROGRAM is a `lightharmony` with the feature `serve` [default: target/release/li
 `apt-get install --no-install-recommends chromium chromium-driver`. Needs nothing beyond the standard library. `--shots`
 writes a screenshot after each scenario. Exit code 0 if all scenarios pass, 77 if there is no browser.
 """
-import argparse, base64, contextlib, http.server, json, math, pathlib, re, shutil, signal, socket, subprocess, sys, tempfile
+import argparse, base64, contextlib, http.server, json, math, pathlib, random, re, shutil, signal, socket, struct, subprocess, sys, tempfile
 import threading, time, urllib.error, urllib.request
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
@@ -153,15 +153,19 @@ class Browser:
 class Place:
     """A folder with a graph, and a watch of it that serves the page."""
 
-    def __init__(self, program, graph=GRAPH):
+    def __init__(self, program, graph=GRAPH, files=None):
         self.folder = tempfile.TemporaryDirectory()
         self.path = pathlib.Path(self.folder.name)
         self.program, self.graph = program, self.path / "graph.ron"
-        self.write(graph)
+        for name, content in (files or {}).items():
+            (self.path / name).write_bytes(content)
+        self.watched = "graph.ron" if graph else next(iter(files))
+        if graph:
+            self.write(graph)
         self.start()
 
     def start(self):
-        command = [self.program, "watch", "graph.ron", "--serve", "--json", "--cache", "cache"]
+        command = [self.program, "watch", self.watched, "--serve", "--json", "--cache", "cache"]
         self.watch = subprocess.Popen(command, cwd=self.path, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
         self.url = json.loads(self.watch.stdout.readline())["url"]
         self.events = []
@@ -341,6 +345,14 @@ def pictures(b, p):
     time.sleep(0.3)
     at = lambda: b.pixel(0.5, 0.45)[:3]
     plain = at()
+    b.click("#sphere")
+    x, y, w, h = b.box("#view")
+    b.drag((x + w / 2, y + h / 2), (x + w / 2 + 150, y + h / 2 + 80))
+    until(lambda: at() != plain, "the panorama is looked at from inside")
+    # What is under the pointer follows it.
+    until(lambda: b.text("#pixel").startswith("(128, 64)"), f"read-out: {b.text('#pixel')}")
+    b.click("#sphere")
+    until(lambda: at() == plain, "and flat again")
     exposure = lambda v: b.js("const e = document.getElementById('exposure'); e.value = arguments[0]; e.dispatchEvent(new Event('input'))", v)
     exposure(-3)
     until(lambda: sum(at()) < sum(plain), "a lower exposure is darker")
@@ -669,7 +681,108 @@ def agrees(b, p):
     check(psnr["degree 0"] > 45 and psnr["all degrees"] > 28, f"{psnr}")
 
 
-SCENARIOS = [opens, edits, drags, follows, conflicts, mistakes, pictures, compares, moves, turns, stands, looks_through, agrees, restarts, refuses]
+def capture():
+    """A small room as splats: a floor, walls and a table, z up. One unit is a metre."""
+    chance = random.Random(25)
+    rows = []
+
+    def patch(corner, a, b, colour, step=0.16):
+        size = [math.hypot(*side) for side in (a, b)]
+        across = [max(1, round(s / step)) for s in size]
+        thin = next(k for k in range(3) if a[k] == 0 and b[k] == 0)
+        for i in range(across[0]):
+            for j in range(across[1]):
+                u, v = (i + 0.5) / across[0], (j + 0.5) / across[1]
+                at = [c + u * x + v * y for c, x, y in zip(corner, a, b)]
+                scale = [math.log(0.6 * step)] * 3
+                scale[thin] = math.log(0.006)
+                tone = 0.85 + 0.3 * chance.random()
+                dc = [(c * tone - 0.5) / 0.28209479 for c in colour]
+                rows.append(struct.pack("<14f", *at, *dc, 5.0, *scale, 1, 0, 0, 0))
+
+    patch((-2, -2, 0), (4, 0, 0), (0, 4, 0), (0.55, 0.42, 0.3))
+    for corner, along in (((-2, 2, 0), (4, 0, 0)), ((-2, -2, 0), (0, 4, 0)), ((2, -2, 0), (0, 4, 0)), ((-2, -2, 0), (4, 0, 0))):
+        patch(corner, along, (0, 0, 2.4), (0.6, 0.68, 0.62))
+    patch((0.5, 0.6, 0.7), (1, 0, 0), (0, 0.6, 0), (0.5, 0.2, 0.12), 0.1)
+    for corner, along in (((0.5, 0.6, 0), (1, 0, 0)), ((0.5, 0.6, 0), (0, 0.6, 0)), ((1.5, 0.6, 0), (0, 0.6, 0)), ((0.5, 1.2, 0), (1, 0, 0))):
+        patch(corner, along, (0, 0, 0.7), (0.4, 0.16, 0.1), 0.1)
+    names = "x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3".split()
+    head = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(rows)}\n" + "".join(f"property float {name}\n" for name in names) + "end_header\n"
+    return head.encode() + b"".join(rows)
+
+
+def cone():
+    """An object as GLB: a red cone, half a metre high."""
+    ring = [(0.18 * math.cos(k * math.pi / 12), 0.0, 0.18 * math.sin(k * math.pi / 12)) for k in range(24)]
+    points = ring + [(0, 0.5, 0), (0, 0, 0)]
+    faces = [f for k in range(24) for f in ((k, 24, (k + 1) % 24), (k, (k + 1) % 24, 25))]
+    data = b"".join(struct.pack("<3f", *p) for p in points) + b"".join(struct.pack("<3H", *f) for f in faces)
+    split = 12 * len(points)
+    text = json.dumps({
+        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+        "materials": [{"pbrMetallicRoughness": {"baseColorFactor": [0.6, 0.05, 0.03, 1], "metallicFactor": 0, "roughnessFactor": 0.5}}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1, "material": 0}]}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "count": len(points), "type": "VEC3", "min": [-0.18, 0, -0.18], "max": [0.18, 0.5, 0.18]},
+                      {"bufferView": 1, "componentType": 5123, "count": 3 * len(faces), "type": "SCALAR"}],
+        "bufferViews": [{"buffer": 0, "byteLength": split}, {"buffer": 0, "byteOffset": split, "byteLength": len(data) - split}],
+        "buffers": [{"byteLength": len(data)}]}).encode()
+    text += b" " * (-len(text) % 4)
+    data += b"\0" * (-len(data) % 4)
+    chunk = lambda kind, content: struct.pack("<I4s", len(content), kind) + content
+    body = chunk(b"JSON", text) + chunk(b"BIN\0", data)
+    return b"glTF" + struct.pack("<II", 2, 12 + len(body)) + body
+
+
+def starts(b, p):
+    """From a capture and an object alone to a picture, only by the page."""
+    begin = time.monotonic()
+    fresh = Place(p.program, None, {"room.ply": capture(), "cone.glb": cone()})
+    try:
+        b.open(fresh.url)
+        until(lambda: b.js("return !document.getElementById('start').hidden"), "the panel is there", 60)
+        shown = time.monotonic() - begin
+        check(b.js("return [...document.querySelectorAll('#start-object option')].map((o) => o.value)") == ["cone.glb"], "the object is offered")
+        check(b.text("#start dd").startswith("+z, measured"), f"up was measured: {b.text('#start dd')}")
+        until(lambda: solid(b, 0.5, 0.8)[3] > 200, "the capture is drawn")
+        bare = fresh.text()
+        check("LoadSplats" in bare and "PathTrace" not in bare, "the first graph shows the capture")
+        fresh.idle()
+        b.click("#start-click")
+        x, y, w, h = b.box("#space")
+        # The lower part of the view shows the floor.
+        click(b, x + w * 0.5, y + h * 0.68)
+        until(lambda: fresh.text() != bare, f"the graph is written: {b.text('#space-note')} {b.text('#notice')}", 120)
+        text = fresh.text()
+        check("LoadObject(path: \"cone.glb\")" in text and "where you put it" in text, "it is a whole graph")
+        z = float(re.search(r"pose: +Pose\(translation: \([^,]*, [^,]*, ([-\d.]+)\)", text)[1])
+        check(abs(z) < 0.05, f"the cone stands on the floor: {z}")
+        until(lambda: b.js("return document.getElementById('start').hidden"), "the panel is gone")
+        until(lambda: (fresh.path / "out/picture.png").exists() and any(e["event"] == "file" and not e.get("preview") and "picture" in e["path"] for e in fresh.events), "the picture is there", 240)
+        print(f"    capture shown after {shown:.1f} s, finished picture {time.monotonic() - begin:.1f} s after the start, two clicks")
+        until(lambda: not b.js("return document.getElementById('undo').disabled"), "undo is offered")
+        ready(b)
+        if SHOTS:
+            b.shot(SHOTS / "starts.png")
+        b.click("#undo")
+        until(lambda: fresh.text() == bare, "undo goes back to the bare capture")
+        until(lambda: b.js("return !document.getElementById('start').hidden"), "the panel is back")
+        # Started again, it goes on with the graph that is there; another graph is not overwritten.
+        fresh.stop()
+        fresh.write("Graph(version: 1, nodes: ())\n")
+        again = subprocess.run([fresh.program, "watch", "room.ply", "--serve", "--json", "--cache", "cache"], cwd=fresh.path, capture_output=True, text=True, timeout=60)
+        check(again.returncode == 2 and "exists already" in again.stderr, f"another graph stays: {again.stderr}")
+        check(fresh.text() == "Graph(version: 1, nodes: ())\n", "it is untouched")
+    finally:
+        fresh.stop()
+        b.console()
+        b.open(p.url)
+        ready(b)
+
+
+# Folder of screenshots, if they are wanted.
+SHOTS = None
+
+SCENARIOS = [opens, edits, drags, follows, conflicts, mistakes, pictures, compares, moves, turns, stands, looks_through, agrees, starts, restarts, refuses]
 
 
 def main():
@@ -682,6 +795,8 @@ def main():
         print("there is no chromium or chromedriver here; nothing was tested")
         return 77
     if args.shots:
+        global SHOTS
+        SHOTS = args.shots
         args.shots.mkdir(parents=True, exist_ok=True)
     program, failed, begin = str(pathlib.Path(args.program).resolve()), 0, time.monotonic()
     place = Place(program)
@@ -708,7 +823,7 @@ def main():
             except Exception as error:
                 failed += 1
                 print(f"FAIL {scenario.__name__}: {scenario.__doc__}\n     {error}\n     status: {browser.text('#status')}; notice: {browser.text('#notice')}")
-            if args.shots:
+            if args.shots and scenario is not starts:
                 browser.shot(args.shots / f"{scenario.__name__}.png")
         print(f"memory of the watch with its page: {place.memory():.0f} MiB")
     finally:

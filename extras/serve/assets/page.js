@@ -424,6 +424,7 @@ const KEYS = [
   ["[ ]", "less or more exposure", null],
   ["0", "fit the picture into the pane", () => picture.fit()],
   ["1", "one picture pixel per screen pixel", () => picture.whole()],
+  ["b", "look around in a panorama", () => picture.round()],
   ["+ -", "zoom", null],
   ["p", "picture or place", () => pane($("place").hidden)],
   ["t", "text or nodes", () => tab($("text").hidden)],
