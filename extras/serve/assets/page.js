@@ -458,7 +458,8 @@ document.addEventListener("keydown", (event) => {
     return;
   }
   if (typing || event.ctrlKey || event.metaKey || event.altKey || event.target.matches?.('input[type="range"]') && !"?fsdt".includes(event.key)) return;
-  const inPlace = !$("place").hidden && (event.target === document.body || event.target === $("space"));
+  const onControl = event.target.matches?.('#place button, #place input[type="checkbox"]') && !["Enter", " "].includes(event.key);
+  const inPlace = !$("place").hidden && (event.target === document.body || event.target === $("space") || onControl);
   if (inPlace && place?.key(event)) { event.preventDefault(); return; }
   const more = { "[": () => exposure(-0.5), "]": () => exposure(0.5), "+": () => picture.zoom(1.5), "=": () => picture.zoom(1.5), "-": () => picture.zoom(1 / 1.5) };
   const action = more[event.key] ?? KEYS.find(([key]) => key === event.key)?.[2];

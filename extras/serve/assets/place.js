@@ -37,7 +37,6 @@ export function Place(page) {
   // The object while it is moved: its matrix, until the results of the edit are there.
   let override = null;
   let spot = null;
-  let rough = 1;
   const redraw = framed(draw);
 
   const metre = () => 1 / scene.metres_per_unit;
@@ -63,6 +62,15 @@ export function Place(page) {
     if (again) await load();
   }
 
+  // True when the first view has been chosen, or the user has moved it.
+  let looked = false;
+
+  // Frees the shapes that nothing uses any more.
+  function tidy() {
+    const used = [...scene.objects.map((one) => one.shape), ...scene.meshes.map((one) => one.digest)];
+    for (const name of shapes.keys()) if (!used.includes(name)) { shapes.delete(name); solid.remove(name); }
+  }
+
   async function take(next) {
     const first = !scene;
     const before = scene;
@@ -78,7 +86,11 @@ export function Place(page) {
     for (const one of next.objects) await shape(one.shape, `/object/${one.shape}`);
     if ($("place-mesh").checked && mesh()) await shape(mesh().digest, `/mesh/${mesh().digest}`);
     if (!first) await splats();
-    if (first) look(startCamera());
+    tidy();
+    if (!looked) {
+      look(startCamera());
+      looked = scene.cameras.length > 0 && Boolean(solid.cloud());
+    }
     redraw();
     // A camera that is looked through follows its node.
     const same = view.camera && next.cameras.find((one) => one.id === view.camera.id && one.name === view.camera.name);
@@ -211,13 +223,17 @@ export function Place(page) {
     return add(centre, mul(scene.up, lowest - dot(centre, scene.up)));
   }
 
+  // The values of a pose that was written, until the page has fetched the new graph.
+  let written = null;
+
   // The values of the pose as the text or a trial has them.
   function pose(one) {
     const node = page.graph().nodes?.find((node) => node.id === one.pose_id);
     if (!node) return null;
     const value = (name) => node.values[name]?.value ?? null;
     const vector = entries(value("translation") ?? "")?.map(Number);
-    return { node, vector, yaw: Number(value("yaw_deg")), scale: Number(value("scale")), matrix: value("matrix") };
+    const values = { node, vector, yaw: Number(value("yaw_deg")), scale: Number(value("scale")), matrix: value("matrix") };
+    return written?.id === one.pose_id && written.graph === page.graph() ? { ...values, ...written.values } : values;
   }
 
   // The reason why an object cannot be moved here; null if it can.
@@ -274,8 +290,11 @@ export function Place(page) {
   async function commit(start) {
     const edit = editOf(start, start.change);
     if (!edit) { override = null; page.revert(); redraw(); return; }
+    const { radians = 0, k = 1, way = [0, 0, 0] } = start.change;
+    const { vector, yaw, scale } = start.pose;
+    written = { id: start.one.pose_id, graph: page.graph(), values: { vector: add(vector, way), yaw: wrapped(yaw + (radians * 180) / Math.PI), scale: scale * k } };
     const good = await page.set(edit);
-    if (good === null) { override = null; redraw(); return; }
+    if (good === null) { [override, written] = [null, null]; redraw(); return; }
     if (override) override.done = true;
     // Without a new result, for instance if its node fails, the object goes back to the last one.
     setTimeout(() => { if (override?.done && !drag) { override = null; load(); } }, 4000);
@@ -404,6 +423,7 @@ export function Place(page) {
   box.addEventListener("pointerdown", (event) => {
     if (!scene || event.target.closest("#start")) return;
     box.focus({ preventScroll: true });
+    looked = true;
     const p = where(event);
     box.setPointerCapture(event.pointerId);
     const part = event.button === 0 && !tool ? lines.hit(p) : null;
@@ -453,6 +473,7 @@ export function Place(page) {
     const ended = drag;
     drag = null;
     if (!ended) return;
+    if (ended.going) redraw();
     if (ended.going) { if (ended.start) settle(ended.start); return; }
     if (ended.camera !== undefined) return void look(ended.camera);
     const p = where(event);
@@ -482,6 +503,7 @@ export function Place(page) {
   box.addEventListener("wheel", (event) => {
     if (!scene) return;
     event.preventDefault();
+    looked = true;
     view.dolly(2 ** (event.deltaY / (event.deltaMode ? 12 : 500)));
     coarse();
     redraw();
@@ -544,6 +566,7 @@ export function Place(page) {
       await page.start({ object, stand: { place: found.position, eye: rounded(view.eye), target: rounded(target), fov_y_deg: Number(fov.toFixed(2)) } });
       note("");
       spot = null;
+      follow = view.camera;
       load();
     }));
   }
@@ -635,22 +658,19 @@ export function Place(page) {
     action();
     return true;
   }
-  box.addEventListener("keyup", (event) => flying.delete(event.key.toLowerCase()));
-  box.addEventListener("blur", () => flying.clear());
+  document.addEventListener("keyup", (event) => flying.delete(event.key.toLowerCase()));
+  window.addEventListener("blur", () => flying.clear());
 
   // ---- drawing
 
-  // Frames that take long are drawn with fewer pixels while the view moves.
-  let lastFrame = 0;
+  // While the view moves, frames that would take long are drawn with fewer pixels and splats.
+  let cost = 0;
   let resting = null;
   function coarse() {
-    const now = performance.now();
-    const gap = now - lastFrame;
-    lastFrame = now;
-    if (gap > 70 && gap < 1000) rough = Math.max(0.3, rough * 0.8);
     clearTimeout(resting);
-    resting = setTimeout(() => { if (rough < 1) { rough = 1; redraw(); } }, 250);
+    resting = setTimeout(() => { resting = null; redraw(); }, 250);
   }
+  const detail = () => (cost < 50 ? { scale: 1, stride: 1 } : cost < 250 ? { scale: 0.7, stride: 4 } : { scale: 0.5, stride: 16 });
 
   function draw() {
     if (!scene || pane.hidden || !view) return;
@@ -660,7 +680,10 @@ export function Place(page) {
     const solids = $("place-objects").checked ? objects : [];
     const ghost = $("place-mesh").checked ? mesh()?.digest : null;
     const near = Math.min(0.2 * metre(), 0.05 * radius);
-    solid.draw(view, { solids, ghost, showSplats: $("place-cloud").checked, scale: radius, near, cut: cut(), ratio: devicePixelRatio * (drag?.going || flying.size || rough < 1 ? rough : 1) });
+    const moves = Boolean(drag?.going || flying.size || resting);
+    const { scale, stride } = moves ? detail() : { scale: 1, stride: 1 };
+    const took = solid.draw(view, { solids, ghost, showSplats: $("place-cloud").checked, scale: radius, near, cut: cut(), ratio: devicePixelRatio * scale, stride, timed: !moves });
+    cost = took ?? cost;
     lines.begin(view, devicePixelRatio);
     if (view.camera) lines.mask();
     if ($("place-guides").checked) {

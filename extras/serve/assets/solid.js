@@ -11,7 +11,7 @@ uniform mat3 view;
 uniform vec3 offset;
 uniform vec4 lens;
 uniform vec2 size, range;
-uniform float near, cut;
+uniform float near, cut, larger;
 uniform vec3 up;
 in uint index;
 out vec2 place;
@@ -30,7 +30,7 @@ void main() {
   // The covariance is computed for the distance 1, since squares of small lengths underflow.
   mat3 turned = view * spread * transpose(view);
   vec3 row0 = vec3(lens.x, 0.0, -lens.x * t.x), row1 = vec3(0.0, lens.y, -lens.y * t.y);
-  float k = uintBitsToFloat(b.x) / (p.z * p.z);
+  float k = uintBitsToFloat(b.x) * larger / (p.z * p.z);
   float cxx = dot(row0, turned * row0) * k + 0.3, cxy = dot(row0, turned * row1) * k, cyy = dot(row1, turned * row1) * k + 0.3;
   float middle = 0.5 * (cxx + cyy), half_gap = length(vec2(0.5 * (cxx - cyy), cxy));
   float large = middle + half_gap, small = max(middle - half_gap, 0.01);
@@ -102,8 +102,18 @@ void main() {
 
 const IDENTITY = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1];
 
+// True if WebGL is computed on the CPU.
+function inSoftware() {
+  const gl = document.createElement("canvas").getContext("webgl2");
+  const info = gl?.getExtension("WEBGL_debug_renderer_info");
+  const name = info ? gl.getParameter(info.UNMASKED_RENDERER_WEBGL) : "";
+  gl?.getExtension("WEBGL_lose_context")?.loseContext();
+  return /swiftshader|llvmpipe|software/i.test(name);
+}
+
 export function Solid(canvas) {
-  const gl = canvas.getContext("webgl2", { alpha: true, antialias: true, preserveDrawingBuffer: true, premultipliedAlpha: true });
+  const software = inSoftware();
+  const gl = canvas.getContext("webgl2", { alpha: true, antialias: !software, preserveDrawingBuffer: true, premultipliedAlpha: true });
   if (!gl) return { failure: "This browser has no WebGL 2, which the view of the place needs." };
   let failure = null;
 
@@ -228,8 +238,10 @@ export function Solid(canvas) {
   }
 
   // Draws the scene. `solids` are [name, matrix]; `ghost` is a mesh in the world that is drawn transparently. Splats
-  // nearer than `near`, or higher than `cut`, are left out.
-  function draw(view, { solids, ghost, showSplats, scale, near, cut, ratio }) {
+  // nearer than `near`, or higher than `cut`, are left out. Only every `stride`th splat is drawn, with as many times the
+  // area. Returns the time in milliseconds if it is `timed`, which waits for the end.
+  function draw(view, { solids, ghost, showSplats, scale, near, cut, ratio, stride, timed }) {
+    const begin = performance.now();
     const size = view.size.map((v) => Math.max(1, Math.round(v * ratio)));
     if (canvas.width !== size[0] || canvas.height !== size[1]) [canvas.width, canvas.height] = size;
     gl.viewport(0, 0, ...size);
@@ -261,8 +273,10 @@ export function Solid(canvas) {
       gl.uniform3f(splatProgram.at("offset"), ...sub(cloud.origin, view.eye));
       gl.bindVertexArray(cloud.array);
       // The order of planar depths depends only on the direction.
-      if (!cloud.sorted || dot(cloud.sorted, forward) < 1 - 1e-7) {
-        backToFront(cloud.floats, cloud.count, forward, cloud.order);
+      gl.uniform1f(splatProgram.at("larger"), stride);
+      if (!cloud.sorted || cloud.stride !== stride || dot(cloud.sorted, forward) < 1 - 1e-7) {
+        cloud.drawn = backToFront(cloud.floats, cloud.count, forward, cloud.order, stride);
+        cloud.stride = stride;
         gl.bindBuffer(gl.ARRAY_BUFFER, cloud.buffer);
         gl.bufferSubData(gl.ARRAY_BUFFER, 0, cloud.order);
         cloud.sorted = forward;
@@ -272,7 +286,7 @@ export function Solid(canvas) {
       gl.uniform1i(splatProgram.at("splats"), 0);
       gl.enable(gl.BLEND);
       gl.depthMask(false);
-      gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, cloud.count);
+      gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, cloud.drawn);
       gl.depthMask(true);
     }
     if (ghost && meshes.has(ghost)) {
@@ -287,6 +301,9 @@ export function Solid(canvas) {
       meshed(showSplats ? 0.6 : 1, whole, ceiling);
     }
     gl.bindVertexArray(null);
+    if (!timed) return null;
+    gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
+    return performance.now() - begin;
   }
 
   return { splats, mesh, remove, draw, has: (name) => meshes.has(name), bounds: (name) => meshes.get(name), cloud: () => cloud, failure: null, gl };

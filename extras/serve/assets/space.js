@@ -162,12 +162,15 @@ export function unpacked(buffer) {
   return { head, read };
 }
 
-// The order of splats from back to front for a direction: a counting sort of 16-bit depths.
-export function backToFront(data, count, forward, order) {
+// The order of every `stride`th splat from back to front for a direction: a counting sort of 16-bit depths. Returns their
+// number.
+export function backToFront(data, all, forward, order, stride) {
+  const count = Math.ceil(all / stride);
   const depths = new Float32Array(count);
   let [low, high] = [Infinity, -Infinity];
   for (let i = 0; i < count; i += 1) {
-    const depth = data[8 * i] * forward[0] + data[8 * i + 1] * forward[1] + data[8 * i + 2] * forward[2];
+    const at = 8 * i * stride;
+    const depth = data[at] * forward[0] + data[at + 1] * forward[1] + data[at + 2] * forward[2];
     depths[i] = depth;
     if (depth < low) low = depth;
     if (depth > high) high = depth;
@@ -181,6 +184,6 @@ export function backToFront(data, count, forward, order) {
     starts[keys[i] + 1] += 1;
   }
   for (let i = 0; i < bins; i += 1) starts[i + 1] += starts[i];
-  for (let i = 0; i < count; i += 1) order[starts[keys[i]]++] = i;
-  return order;
+  for (let i = 0; i < count; i += 1) order[starts[keys[i]]++] = i * stride;
+  return count;
 }
