@@ -550,25 +550,30 @@ export function Place(page) {
   function stand() {
     if (tool) return wait(null);
     const object = $("start-object").value;
-    return wait((p) => ask([view.eye, view.ray(...p)], async (found) => {
-      if (!stands(found)) return;
-      spot = found.position;
-      wait(null);
-      redraw();
-      note("Measuring the light and writing the graph ..");
-      const { fy } = view.lens();
-      const fov = (360 / Math.PI) * Math.atan(view.rectangle()[3] / 2 / fy);
-      const digits = decimals();
-      const rounded = (v) => v.map((one) => Number(one.toFixed(digits)));
-      const forward = view.axes()[2];
-      // The point in the middle of the picture, at the distance of the object.
-      const target = add(view.eye, mul(forward, Math.max(1e-3 * radius, dot(sub(found.position, view.eye), forward))));
-      await page.start({ object, stand: { place: found.position, eye: rounded(view.eye), target: rounded(target), fov_y_deg: Number(fov.toFixed(2)) } });
-      note("");
-      spot = null;
-      follow = view.camera;
-      load();
-    }));
+    return wait((p) => {
+      const [left, top, width, height] = view.rectangle();
+      const inside = p[0] >= left && p[0] <= left + width && p[1] >= top && p[1] <= top + height;
+      if (!inside) return note("That is outside the picture; turn the view so that it lies inside the frame.");
+      return ask([view.eye, view.ray(...p)], (found) => stands(found) && begin(object, found));
+    });
+  }
+
+  async function begin(object, found) {
+    spot = found.position;
+    wait(null);
+    redraw();
+    note("Measuring the light and writing the graph ..");
+    const { fy } = view.lens();
+    const fov = (360 / Math.PI) * Math.atan(view.rectangle()[3] / 2 / fy);
+    const rounded = (v) => v.map((one) => Number(one.toFixed(decimals())));
+    const forward = view.axes()[2];
+    // The point in the middle of the picture, at the distance of the object.
+    const target = add(view.eye, mul(forward, Math.max(1e-3 * radius, dot(sub(found.position, view.eye), forward))));
+    await page.start({ object, stand: { place: found.position, eye: rounded(view.eye), target: rounded(target), fov_y_deg: Number(fov.toFixed(2)) } });
+    note("");
+    spot = null;
+    follow = view.camera;
+    load();
   }
 
   // ---- cameras

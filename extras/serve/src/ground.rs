@@ -30,10 +30,10 @@ pub struct Ray {
 pub fn ground(live: &Live, ray: &Ray) -> Result<Value, String> {
     let (eye, way) = (DVec3::from_array(ray.eye), DVec3::from_array(ray.way));
     let forward = way.try_normalize().ok_or("the ray has no direction")?;
-    if !eye.is_finite() || !(ray.focal_px > 0.0 && ray.focal_px < 1e7) {
+    if !(eye.is_finite() && ray.focal_px > 0.0 && ray.focal_px < 1e7) {
         return Err("the ray is not finite".to_owned());
     }
-    let scene = live.with_state(|state| state.graph.as_ref().map(|graph| graph.scene.clone()));
+    let scene = live.with_state(|state| state.graph.as_ref().map(|graph| graph.scene));
     let scene = scene.ok_or("the graph has mistakes")?;
     let up = axes(scene.up)[2];
     let right = forward.any_orthonormal_vector();

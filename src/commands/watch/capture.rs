@@ -4,8 +4,7 @@ use std::path::{Path, PathBuf};
 
 use engine::NodeError;
 use glam::DVec3;
-use nodes::render::layout::Viewpoint;
-use nodes::render::look;
+use nodes::render::layout::{Extents, Viewpoint, arrange};
 use serve::{Proposal, Stand, Starter};
 
 use crate::commands::init::assumptions;
@@ -17,8 +16,8 @@ use crate::terminal;
 
 /// Name of the graph that is written, in the current folder.
 const GRAPH: &str = "graph.ron";
-/// Height of the first camera above the floor, in metres: the eye level of a person.
-const EYES: f64 = 1.55;
+/// Bounding box in metres of the object for which the first camera is chosen.
+const ORDINARY: Extents = Extents { low: DVec3::new(-0.25, 0.0, -0.25), high: DVec3::new(0.25, 0.6, 0.25) };
 /// Maximum number of objects that are offered.
 const MOST_OBJECTS: usize = 200;
 /// Maximum depth of the folders in which objects are looked for.
@@ -66,18 +65,16 @@ impl Capture {
         PathBuf::from(GRAPH)
     }
 
-    /// A camera in free space that looks into the place.
+    /// A camera that sees a level surface well, as for an object of ordinary size.
     fn view(&self) -> Result<Viewpoint, NodeError> {
         let (stand, cx) = (&self.standing.stand, splats::context(self.standing.up));
-        let metre = 1.0 / self.metres_per_unit;
-        let room = stand.ceiling.map(|ceiling| ceiling - stand.floor);
-        let eye = room.map_or((EYES * metre).min(0.6 * stand.radius), |room| 0.58 * room);
-        let found = look::views(&self.standing.splats, stand, eye, None, 1, &cx)?;
+        let scene = &self.standing.splats;
+        let arranged = arrange(scene, stand, &ORDINARY, self.metres_per_unit, None, &cx)?;
         let [right, forward, up] = nodes::math::equirect::axes(self.standing.up);
         let centre = DVec3::from_array(stand.centre);
         let aside = (right * 0.4 - forward + up * 0.5) * (1.5 * stand.radius);
         let outside = Viewpoint { eye: centre + aside, target: centre, fov_y_deg: 45.0, score: 0.0 };
-        let view = found.first().copied().unwrap_or(outside);
+        let view = arranged.view.unwrap_or(outside);
         let places = decimals(stand);
         let round = |v: DVec3| DVec3::from_array(v.to_array().map(|c| rounded(c, places)));
         Ok(Viewpoint { eye: round(view.eye), target: round(view.target), ..view })
