@@ -692,8 +692,11 @@ export function Place(page) {
     lines.begin(view, devicePixelRatio);
     if (view.camera) lines.mask();
     if ($("place-guides").checked) {
-      const size = 0.12 * radius;
-      scene.cameras.forEach((one, index) => { if (!(view.exact && one === view.camera) && distance(column(one.matrix, 3), view.eye) > 0.02 * radius) lines.camera(one, index, size, one.kind === "Camera"); });
+      scene.cameras.forEach((one, index) => {
+        // Near ones are small, so that they do not cover the place.
+        const away = distance(column(one.matrix, 3), view.eye);
+        if (!(view.exact && one === view.camera) && away > 0.02 * radius) lines.camera(one, index, Math.min(0.12 * radius, 0.15 * away), one.kind === "Camera");
+      });
       scene.probes.forEach((one) => lines.probe(one, 0.04 * radius));
       lines.mark(spot);
       const one = object();
