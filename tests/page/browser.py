@@ -649,6 +649,18 @@ def looks_through(b, p):
     until(lambda: b.js("return document.getElementById('place-view').value") == "", "from above")
 
 
+def scrubs(b, p):
+    """A graph with an axis: a slider chooses the instance, in the picture and in the place."""
+    graph = GRAPH.replace("    nodes: (", "    axes: (turn: List([0.0, 40.0, 80.0])),\n    nodes: (", 1).replace("yaw_deg: -24.0", 'yaw_deg: Axis("turn")')
+    place(b, p, graph.replace("picture.png", "p-{turn}.png").replace("samples: 8", "samples: 1"))
+    check("placed/turn=0.0 at" in b.text("#place-position"), f"the first instance: {b.text('#place-position')}")
+    b.click("#tab-picture")
+    b.js("const a = document.getElementById('axis'); a.value = 2; a.dispatchEvent(new Event('input'))")
+    until(lambda: b.js("return document.getElementById('output').value") == "final/turn=80.0.image", "the picture at 80 degrees")
+    b.click("#tab-place")
+    until(lambda: "placed/turn=80.0 at" in b.text("#place-position"), "the object at 80 degrees")
+
+
 def agrees(b, p):
     """The splats of the place view are those of `SplatRender`, pixel by pixel."""
     b.click("#tab-place")
@@ -790,7 +802,7 @@ def starts(b, p):
 # Folder of screenshots, if they are wanted.
 SHOTS = None
 
-SCENARIOS = [opens, edits, drags, follows, conflicts, mistakes, pictures, compares, moves, turns, stands, looks_through, agrees, starts, restarts, refuses]
+SCENARIOS = [opens, edits, drags, follows, conflicts, mistakes, pictures, compares, moves, turns, stands, looks_through, scrubs, agrees, starts, restarts, refuses]
 
 
 def main():

@@ -249,10 +249,32 @@ function favourite(found) {
   return Object.keys(found).at(-1) ?? null;
 }
 
+// The part of the name of a node after the name in the file: its place along the axes.
+const along = (id) => id.slice(id.indexOf("/") + 1 || id.length);
+
+// The outputs of the instances along axes of the node whose output is shown.
+function siblings() {
+  const node = view.nodes?.find((one) => output?.startsWith(`${one.id}.`));
+  if (!node || !along(node.id)) return [];
+  const port = output.slice(node.id.length);
+  return view.nodes.filter((one) => one.in_file === node.in_file).map((one) => one.id + port);
+}
+
+function axes() {
+  const all = siblings();
+  $("axis-label").hidden = all.length < 2;
+  if (all.length < 2) return;
+  $("axis").max = all.length - 1;
+  $("axis").value = all.indexOf(output);
+  const port = output.lastIndexOf(".");
+  $("axis-value").textContent = along(output.slice(0, port));
+}
+
 let outputsShown = "";
 function outputs() {
   const found = values();
   if (!output || (!found[output] && !running())) output = favourite(found);
+  axes();
   const names = Object.keys(found);
   const signature = JSON.stringify([names, output]);
   if (signature !== outputsShown) {
@@ -306,7 +328,11 @@ function others() {
 let made = null;
 async function picked() {
   const found = values();
-  const digest = found[favourite(found)];
+  // The instance along axes that is shown, of the output that the graph writes.
+  const name = favourite(found) ?? "";
+  const port = name.lastIndexOf(".");
+  const here = `${name.slice(0, port).split("/")[0]}/${along(output?.slice(0, output.lastIndexOf(".")) ?? "")}${name.slice(port)}`;
+  const digest = found[here] ?? found[name];
   if (!digest || made?.digest === digest) return;
   try {
     const about = await json(`/value/${digest}`);
@@ -332,7 +358,7 @@ async function pane(toPlace) {
   if (!toPlace) return picture.redraw();
   return attempt(async () => {
     const { Place } = await import("/assets/place.js");
-    place ??= Place({ graph: () => view, state: () => state, picture: () => made, set, attempt: tryOut, revert, choose, notify, start: (data) => attempt(() => change("/start", data)) });
+    place ??= Place({ graph: () => view, state: () => state, picture: () => made, along: () => along(output?.slice(0, output.lastIndexOf(".")) ?? ""), set, attempt: tryOut, revert, choose, notify, start: (data) => attempt(() => change("/start", data)) });
     place.open();
     await picked();
   });
@@ -476,6 +502,12 @@ $("tab-graph").addEventListener("click", () => tab(false));
 $("tab-text").addEventListener("click", () => tab(true));
 $("output").addEventListener("change", () => { output = $("output").value; outputs(); });
 $("layer").addEventListener("change", draw);
+$("axis").addEventListener("input", () => {
+  output = siblings()[Number($("axis").value)] ?? output;
+  outputs();
+  place?.changed();
+  if (place) picked();
+});
 $("other").addEventListener("change", () => { if (picture.mode() === 0) picture.set(1); draw(); });
 $("theme").addEventListener("click", () => {
   const dark = document.documentElement.dataset.theme ? document.documentElement.dataset.theme === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;

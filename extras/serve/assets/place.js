@@ -71,7 +71,23 @@ export function Place(page) {
     for (const name of shapes.keys()) if (!used.includes(name)) { shapes.delete(name); solid.remove(name); }
   }
 
+  // Of the instances of a node along axes, the one at the place that the page shows, else the first.
+  function here(list, id) {
+    const shown = page.along().split("/");
+    const parts = (one) => id(one).split("/").slice(1);
+    const fits = (one) => parts(one).length > 0 && parts(one).every((part) => shown.includes(part));
+    const chosen = new Map();
+    for (const one of list) {
+      const name = `${id(one).split("/")[0]}\n${one.name ?? ""}`;
+      if (!chosen.has(name) || (fits(one) && !fits(chosen.get(name)))) chosen.set(name, one);
+    }
+    return [...chosen.values()];
+  }
+
   async function take(next) {
+    next.objects = here(next.objects, (one) => one.node);
+    next.cameras = here(next.cameras, (one) => one.id);
+    next.probes = here(next.probes, (one) => one.node);
     const first = !scene;
     const before = scene;
     scene = next;
@@ -100,7 +116,7 @@ export function Place(page) {
   }
 
   function missing() {
-    const node = page.graph().nodes?.find((one) => one.kind === "Place" && !scene.objects.some((object) => object.node === one.id));
+    const node = page.graph().nodes?.find((one) => one.kind === "Place" && !scene.objects.some((object) => object.node.split("/")[0] === one.in_file));
     if (!scene.splats.length) note("The graph has no splats yet.");
     else if (node) note(`\`${node.id}\` has no result yet, so its object is not shown.`);
     else if ($("space-note").textContent.includes("yet")) note("");
