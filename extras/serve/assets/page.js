@@ -433,6 +433,8 @@ function handle(event) {
       for (const [id, node] of Object.entries(state.nodes)) {
         if (node.status === "running") { node.status = "skipped"; graph.update(id, node); }
       }
+      // An output that the graph has no more is replaced only now.
+      outputs();
       break;
     case "warning": state.warnings = [...state.warnings, event.text].slice(-20); historyPane(); break;
     default: break;
