@@ -32,7 +32,7 @@ pub enum UpBy {
 }
 
 /// A capture that was rotated upright.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Standing {
     /// The splats in world space.
     pub splats: Arc<Splats>,

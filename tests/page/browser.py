@@ -7,7 +7,7 @@ PROGRAM is a `lightharmony` with the feature `serve` [default: target/release/li
 `apt-get install --no-install-recommends chromium chromium-driver`. Needs nothing beyond the standard library. `--shots`
 writes a screenshot after each scenario. Exit code 0 if all scenarios pass, 77 if there is no browser.
 """
-import argparse, base64, contextlib, http.server, json, pathlib, re, shutil, signal, socket, subprocess, sys, tempfile
+import argparse, base64, contextlib, http.server, json, math, pathlib, random, re, shutil, signal, socket, struct, subprocess, sys, tempfile
 import threading, time, urllib.error, urllib.request
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
@@ -32,6 +32,19 @@ Graph(
         save:   WriteImage(image: "final", path: "picture.png"),
     ),
 )
+"""
+
+
+# The same with a camera that the page can set, and few samples.
+CAMERA = {"eye": (1.6, -2.4, 1.4), "target": (0.0, 0.0, 0.6), "fov": 50.0}
+PLACE = GRAPH.replace("        view:   ", """        camera: Camera(eye: (1.6, -2.4, 1.4), target: (0.0, 0.0, 0.6), width_px: 160, height_px: 120, fov_y_deg: 50.0), // mine
+        view:   """).replace('rig: "demo.rig"', 'rig: "camera"').replace("samples: 8", "samples: 1")
+# Where the object stands in both.
+FOOT = (-0.02, -0.06, 0.44)
+# Only the place, with the size of its picture.
+ONLY = """Graph(version: 1, scene: (up: "+z", seed: 7), nodes: (
+    demo: DemoScene(splats: 5000, width_px: WIDTH, height_px: HEIGHT, truth_width_px: 32),
+    view: SplatRender(splats: "demo.splats", rig: "demo.rig"%s), save: WriteImage(image: "view.colour", path: "v.png")))
 """
 
 
@@ -140,15 +153,19 @@ class Browser:
 class Place:
     """A folder with a graph, and a watch of it that serves the page."""
 
-    def __init__(self, program, graph=GRAPH):
+    def __init__(self, program, graph=GRAPH, files=None):
         self.folder = tempfile.TemporaryDirectory()
         self.path = pathlib.Path(self.folder.name)
         self.program, self.graph = program, self.path / "graph.ron"
-        self.write(graph)
+        for name, content in (files or {}).items():
+            (self.path / name).write_bytes(content)
+        self.watched = "graph.ron" if graph else next(iter(files))
+        if graph:
+            self.write(graph)
         self.start()
 
     def start(self):
-        command = [self.program, "watch", "graph.ron", "--serve", "--json", "--cache", "cache"]
+        command = [self.program, "watch", self.watched, "--serve", "--json", "--cache", "cache"]
         self.watch = subprocess.Popen(command, cwd=self.path, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
         self.url = json.loads(self.watch.stdout.readline())["url"]
         self.events = []
@@ -328,6 +345,14 @@ def pictures(b, p):
     time.sleep(0.3)
     at = lambda: b.pixel(0.5, 0.45)[:3]
     plain = at()
+    b.click("#sphere")
+    x, y, w, h = b.box("#view")
+    b.drag((x + w / 2, y + h / 2), (x + w / 2 + 150, y + h / 2 + 80))
+    until(lambda: at() != plain, "the panorama is looked at from inside")
+    # What is under the pointer follows it.
+    until(lambda: b.text("#pixel").startswith("(128, 64)"), f"read-out: {b.text('#pixel')}")
+    b.click("#sphere")
+    until(lambda: at() == plain, "and flat again")
     exposure = lambda v: b.js("const e = document.getElementById('exposure'); e.value = arguments[0]; e.dispatchEvent(new Event('input'))", v)
     exposure(-3)
     until(lambda: sum(at()) < sum(plain), "a lower exposure is darker")
@@ -440,7 +465,344 @@ def refuses(b, p):
     ready(b)
 
 
-SCENARIOS = [opens, edits, drags, follows, conflicts, mistakes, pictures, compares, restarts, refuses]
+# ---- the place view
+
+
+class Lens:
+    """The view of the page through `camera` of PLACE: where points of the world are on the screen."""
+
+    def __init__(self, b):
+        sub = lambda a, b: [x - y for x, y in zip(a, b)]
+        unit = lambda a: [x / math.sqrt(sum(y * y for y in a)) for x in a]
+        cross = lambda a, b: [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+        forward = unit(sub(CAMERA["target"], CAMERA["eye"]))
+        right = unit(cross(forward, (0, 0, 1)))
+        self.axes = right, cross(forward, right), forward
+        x, y, w, h = b.box("#space")
+        self.focal = min(w / 160, h / 120) * 60 / math.tan(math.radians(CAMERA["fov"] / 2))
+        self.middle = x + w / 2, y + h / 2
+
+    def depth(self, p):
+        return sum((a - e) * f for a, e, f in zip(p, CAMERA["eye"], self.axes[2]))
+
+    def at(self, p):
+        d = [a - e for a, e in zip(p, CAMERA["eye"])]
+        x, y, z = (sum(a * b for a, b in zip(d, axis)) for axis in self.axes)
+        return self.middle[0] + self.focal * x / z, self.middle[1] + self.focal * y / z
+
+
+def place(b, p, graph=PLACE):
+    """Opens the place view of a graph, and waits until it is drawn."""
+    p.write(graph)
+    until(lambda: "camera" in b.text("#graph") or graph != PLACE, "the graph is there")
+    time.sleep(0.2)
+    p.idle()
+    ready(b)
+    b.click("#tab-place")
+    until(lambda: "splats" in b.text("#splat-count"), "the splats are there")
+    until(lambda: solid(b, 0.5, 0.5)[3] > 200, "the place is drawn")
+
+
+def solid(b, x, y):
+    """The colour of the place view at a fraction of its pane."""
+    return b.js("""const c = document.getElementById("solid"), gl = c.getContext("webgl2"), p = new Uint8Array(4);
+        gl.readPixels(Math.floor(arguments[0] * c.width), Math.floor((1 - arguments[1]) * c.height), 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, p);
+        return Array.from(p)""", x, y)
+
+
+def pose(p):
+    """Translation, yaw and scale in the text."""
+    found = re.search(r"pose: +Pose\(translation: \(([^)]*)\), yaw_deg: ([-\d.]+), scale: ([-\d.]+)\)", p.text())
+    return tuple(float(v) for v in found[1].split(",")), float(found[2]), float(found[3])
+
+
+def only_pose_differs(before, after):
+    check(re.sub(r"Pose\([^\n]*?scale: [-\d.]+\)", "", before) == re.sub(r"Pose\([^\n]*?scale: [-\d.]+\)", "", after), "only the pose differs")
+
+
+def take_back(b, p, text):
+    """Undoes the last edit."""
+    until(lambda: not b.js("return document.getElementById('undo').disabled"), "undo is offered")
+    b.click("#undo")
+    until(lambda: p.text() == text, "undo restores the bytes")
+    ready(b)
+    p.idle()
+    # The view has the old pose again.
+    until(lambda: "(-0.02, -0.06, 0.44)" in b.text("#place-position"), "the object is back")
+
+
+def moves(b, p):
+    """The object is dragged over the ground: previews run, and one edit is written at the end."""
+    place(b, p)
+    before, lens, first = p.text(), Lens(b), len(p.events)
+    took = {}
+
+    def hold():
+        check(p.text() == before, "nothing is written during the drag")
+        until(lambda: "trying a value" in b.text("#status"), "the pose is tried")
+        until(lambda: any(e["event"] == "file" for e in p.events[first:]), "a preview during the drag")
+        took["preview"] = time.monotonic() - begin
+
+    grip, goal = lens.at((-0.12, -0.06, 0.62)), lens.at((-0.35, -0.1, 0.62))
+    begin = time.monotonic()
+    b.drag(grip, goal, hold=hold)
+    until(lambda: p.text() != before, "the pose is written at the end")
+    (x, y, z), yaw, scale = pose(p)
+    check((yaw, scale) == (-24.0, 1.2), "only the translation changes")
+    check(-0.4 < x < -0.12 and abs(z - 0.44) < 0.02, f"it stands on the table: {x, y, z}")
+    only_pose_differs(before, p.text())
+    ready(b)
+    until(lambda: f"placed at ({x:g}, {y:g}, {z:g})" in b.text("#place-position"), "the view has the new pose")
+    print(f"    first preview {took['preview']:.2f} s after the start of a drag of 0.25 s")
+    take_back(b, p, before)
+    # Escape leaves the text as it is.
+    b.drag(grip, goal, hold=lambda: b.keys("\ue00c"))
+    until(lambda: "trying" not in b.text("#status"), "nothing is tried any more")
+    check(p.text() == before, "Escape writes nothing")
+
+
+def turns(b, p):
+    """The gizmo and the keys: turn, scale, lift and step, each one edit of one field."""
+    place(b, p)
+    before, lens = p.text(), Lens(b)
+    (cx, cy), reach = lens.at(FOOT), 60 * lens.depth(FOOT) / lens.focal
+    b.drag(lens.at((FOOT[0] - reach, FOOT[1], FOOT[2])), lens.at((FOOT[0], FOOT[1] - reach, FOOT[2])))
+    until(lambda: p.text() != before, "the yaw is written")
+    check(abs(pose(p)[1] - 66) < 2 and p.text() == before.replace("-24.0", re.search(r"yaw_deg: ([-\d.]+)", p.text())[1]), f"a quarter turn: {pose(p)}")
+    take_back(b, p, before)
+    b.drag((cx + 73.5, cy - 73.5), (cx + 147, cy - 147))
+    until(lambda: p.text() != before, "the scale is written")
+    check(abs(pose(p)[2] - 2.4) < 0.1, f"twice as large: {pose(p)}")
+    only_pose_differs(before, p.text())
+    take_back(b, p, before)
+    b.drag((cx, cy - 60), (cx, cy - 110))
+    until(lambda: p.text() != before, "the height is written")
+    (x, y, z), yaw, scale = pose(p)
+    check((x, y, yaw, scale) == (-0.02, -0.06, -24.0, 1.2) and 0.55 < z < 0.8, f"lifted: {pose(p)}")
+    ready(b)
+    p.idle()
+    lifted = p.text()
+    b.click("#place-drop")
+    until(lambda: p.text() != lifted, "it is put on the ground")
+    check(abs(pose(p)[0][2] - 0.44) < 0.01, f"on the table: {pose(p)}")
+    ready(b)
+    p.idle()
+    dropped = p.text()
+    b.js("document.getElementById('space').focus()")
+    for key in ("\ue014", "\ue014", "."):
+        b.keys(key)
+    until(lambda: p.text() != dropped, "the steps are written")
+    (x, y, z), yaw, scale = pose(p)
+    check((round(x, 4), yaw) == (0.0, -29.0), f"two steps and a turn: {pose(p)}")
+    only_pose_differs(before, p.text())
+
+
+def stands(b, p):
+    """A click puts the object on the ground, and not on a wall."""
+    place(b, p)
+    before, lens = p.text(), Lens(b)
+    b.click("#place-click")
+    click(b, *lens.at((0.4, 2.2, 1.2)))
+    until(lambda: "too steep to stand on" in b.text("#space-note"), f"a wall is refused: {b.text('#space-note')}")
+    check(p.text() == before, "nothing is written")
+    click(b, *lens.at((0.95, -0.55, 0.0)))
+    until(lambda: p.text() != before, "the pose is written")
+    (x, y, z), yaw, scale = pose(p)
+    check(abs(x - 0.95) < 0.2 and abs(y + 0.55) < 0.2 and abs(z) < 0.05, f"on the floor: {x, y, z}")
+    only_pose_differs(before, p.text())
+    ready(b)
+
+
+def click(b, x, y):
+    b.at("POST", "/actions", {"actions": [{"type": "pointer", "id": "p", "actions": [
+        {"type": "pointerMove", "duration": 0, "x": round(x), "y": round(y), "origin": "viewport"}, {"type": "pointerDown", "button": 0}, {"type": "pointerUp", "button": 0}]}]})
+
+
+def looks_through(b, p):
+    """The view is moved, the camera of the graph follows by one edit, and the picture lies over its view."""
+    place(b, p)
+    before = p.text()
+    x, y, w, h = b.box("#space")
+    check(b.js("return document.getElementById('place-set').disabled"), "there is nothing to set")
+    b.drag((x + 60, y + 60), (x + 130, y + 40))
+    until(lambda: not b.js("return document.getElementById('place-set').disabled"), "the camera can be set")
+    b.click("#place-set")
+    until(lambda: p.text() != before, "the camera is written")
+    found = re.search(r"camera: Camera\(eye: \(([^)]*)\), target: \(([^)]*)\), (.*)", p.text())
+    eye = [float(v) for v in found[1].split(",")]
+    distance = lambda e: math.dist(e, FOOT)
+    check(0.8 < distance(eye) / distance(CAMERA["eye"]) < 1.25 and math.dist(eye, CAMERA["eye"]) > 0.3, f"it went around the object: {eye}")
+    check(found[3] == "width_px: 160, height_px: 120, fov_y_deg: 50.0), // mine", "the rest of the line stays")
+    ready(b)
+    until(lambda: b.js("return document.getElementById('place-set').disabled"), "the view is that of the camera")
+    b.js("document.getElementById('space').focus()")
+    b.keys("o")
+    until(lambda: b.js("return !document.getElementById('onion').hidden && document.getElementById('onion').naturalWidth") == 160, "the picture lies over the view")
+    b.keys("o")
+    until(lambda: b.js("return document.getElementById('onion').hidden"), "and is gone")
+    take = b.box("#space")
+    check(take[2:] == [w, h], f"the pane keeps its size: {take}")
+    until(lambda: not b.js("return document.getElementById('undo').disabled"), "undo is offered")
+    b.click("#undo")
+    until(lambda: p.text() == before, "one undo takes all back")
+    b.js("document.getElementById('place-all').click()")
+    until(lambda: b.js("return document.getElementById('place-view').value") == "", "from above")
+
+
+def scrubs(b, p):
+    """A graph with an axis: a slider chooses the instance, in the picture and in the place."""
+    graph = GRAPH.replace("    nodes: (", "    axes: (turn: List([0.0, 40.0, 80.0])),\n    nodes: (", 1).replace("yaw_deg: -24.0", 'yaw_deg: Axis("turn")')
+    place(b, p, graph.replace("picture.png", "p-{turn}.png").replace("samples: 8", "samples: 1"))
+    check("placed/turn=0.0 at" in b.text("#place-position"), f"the first instance: {b.text('#place-position')}")
+    b.click("#tab-picture")
+    b.js("const a = document.getElementById('axis'); a.value = 2; a.dispatchEvent(new Event('input'))")
+    until(lambda: b.js("return document.getElementById('output').value") == "final/turn=80.0.image", "the picture at 80 degrees")
+    b.click("#tab-place")
+    until(lambda: "placed/turn=80.0 at" in b.text("#place-position"), "the object at 80 degrees")
+
+
+def agrees(b, p):
+    """The splats of the place view are those of `SplatRender`, pixel by pixel."""
+    b.click("#tab-place")
+    _, _, w, h = (round(v) for v in b.box("#space"))
+    b.click("#tab-picture")
+    script = """const done = arguments[0]; (async () => {
+        const c = document.getElementById('solid'), gl = c.getContext('webgl2'), [w, h] = [c.width, c.height], p = new Uint8Array(w * h * 4);
+        gl.readPixels(0, 0, w, h, gl.RGBA, gl.UNSIGNED_BYTE, p);
+        const state = await new Promise((go) => { const e = new EventSource('/events'); e.onmessage = (m) => { const d = JSON.parse(m.data); if (d.event === 'state') { e.close(); go(d); } }; });
+        const digest = state.nodes.view.outputs.find((one) => one.port === 'views').digest;
+        const picture = (await (await fetch(`/value/${digest}`)).json()).pictures[0];
+        if (picture.width !== w || picture.height !== h) return done(null);
+        const f = new Float32Array(await (await fetch(`/value/${digest}/0.f32`)).arrayBuffer());
+        let sum = 0;
+        for (let y = 0; y < h; y += 1) for (let x = 0; x < w; x += 1) for (let k = 0; k < 3; k += 1) {
+            sum += (p[((h - 1 - y) * w + x) * 4 + k] / 255 - Math.min(1, Math.max(0, f[(y * w + x) * 4 + k]))) ** 2; }
+        done(-10 * Math.log10(sum / (w * h * 3))); })()"""
+    psnr = {}
+    for name, more in (("degree 0", ", sh_degree: 0"), ("all degrees", "")):
+        graph = (ONLY % more).replace("WIDTH", str(w)).replace("HEIGHT", str(h))
+        place(b, p, graph)
+        for box in ("place-objects", "place-guides", "place-corner"):
+            b.js("const c = document.getElementById(arguments[0]); if (c.checked) c.click()", box)
+        until(lambda: b.js("return document.getElementById('place-view').value") == "0", "through the camera")
+        until(lambda: b.at("POST", "/execute/async", {"script": script, "args": []}) is not None, "both pictures have the same size")
+        time.sleep(0.5)
+        psnr[name] = b.at("POST", "/execute/async", {"script": script, "args": []})
+        b.click("#tab-picture")
+    print(f"    {w} by {h} pixels: {psnr['degree 0']:.1f} dB at degree 0, {psnr['all degrees']:.1f} dB with all harmonics")
+    check(psnr["degree 0"] > 45 and psnr["all degrees"] > 28, f"{psnr}")
+
+
+def capture():
+    """A small room as splats: a floor, walls and a table, z up. One unit is a metre."""
+    chance = random.Random(25)
+    rows = []
+
+    def patch(corner, a, b, colour, step=0.16):
+        size = [math.hypot(*side) for side in (a, b)]
+        across = [max(1, round(s / step)) for s in size]
+        thin = next(k for k in range(3) if a[k] == 0 and b[k] == 0)
+        for i in range(across[0]):
+            for j in range(across[1]):
+                u, v = (i + 0.5) / across[0], (j + 0.5) / across[1]
+                at = [c + u * x + v * y for c, x, y in zip(corner, a, b)]
+                scale = [math.log(0.6 * step)] * 3
+                scale[thin] = math.log(0.006)
+                tone = 0.85 + 0.3 * chance.random()
+                dc = [(c * tone - 0.5) / 0.28209479 for c in colour]
+                rows.append(struct.pack("<14f", *at, *dc, 5.0, *scale, 1, 0, 0, 0))
+
+    patch((-2, -2, 0), (4, 0, 0), (0, 4, 0), (0.55, 0.42, 0.3))
+    for corner, along in (((-2, 2, 0), (4, 0, 0)), ((-2, -2, 0), (0, 4, 0)), ((2, -2, 0), (0, 4, 0)), ((-2, -2, 0), (4, 0, 0))):
+        patch(corner, along, (0, 0, 2.4), (0.6, 0.68, 0.62))
+    patch((0.5, 0.6, 0.7), (1, 0, 0), (0, 0.6, 0), (0.5, 0.2, 0.12), 0.1)
+    for corner, along in (((0.5, 0.6, 0), (1, 0, 0)), ((0.5, 0.6, 0), (0, 0.6, 0)), ((1.5, 0.6, 0), (0, 0.6, 0)), ((0.5, 1.2, 0), (1, 0, 0))):
+        patch(corner, along, (0, 0, 0.7), (0.4, 0.16, 0.1), 0.1)
+    names = "x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3".split()
+    head = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(rows)}\n" + "".join(f"property float {name}\n" for name in names) + "end_header\n"
+    return head.encode() + b"".join(rows)
+
+
+def cone():
+    """An object as GLB: a red cone, half a metre high."""
+    ring = [(0.18 * math.cos(k * math.pi / 12), 0.0, 0.18 * math.sin(k * math.pi / 12)) for k in range(24)]
+    points = ring + [(0, 0.5, 0), (0, 0, 0)]
+    faces = [f for k in range(24) for f in ((k, 24, (k + 1) % 24), (k, (k + 1) % 24, 25))]
+    data = b"".join(struct.pack("<3f", *p) for p in points) + b"".join(struct.pack("<3H", *f) for f in faces)
+    split = 12 * len(points)
+    text = json.dumps({
+        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+        "materials": [{"pbrMetallicRoughness": {"baseColorFactor": [0.6, 0.05, 0.03, 1], "metallicFactor": 0, "roughnessFactor": 0.5}}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1, "material": 0}]}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "count": len(points), "type": "VEC3", "min": [-0.18, 0, -0.18], "max": [0.18, 0.5, 0.18]},
+                      {"bufferView": 1, "componentType": 5123, "count": 3 * len(faces), "type": "SCALAR"}],
+        "bufferViews": [{"buffer": 0, "byteLength": split}, {"buffer": 0, "byteOffset": split, "byteLength": len(data) - split}],
+        "buffers": [{"byteLength": len(data)}]}).encode()
+    text += b" " * (-len(text) % 4)
+    data += b"\0" * (-len(data) % 4)
+    chunk = lambda kind, content: struct.pack("<I4s", len(content), kind) + content
+    body = chunk(b"JSON", text) + chunk(b"BIN\0", data)
+    return b"glTF" + struct.pack("<II", 2, 12 + len(body)) + body
+
+
+def starts(b, p):
+    """From a capture and an object alone to a picture, only by the page."""
+    begin = time.monotonic()
+    fresh = Place(p.program, None, {"room.ply": capture(), "cone.glb": cone()})
+    try:
+        b.open(fresh.url)
+        until(lambda: b.js("return !document.getElementById('start').hidden"), "the panel is there", 60)
+        shown = time.monotonic() - begin
+        check(b.js("return [...document.querySelectorAll('#start-object option')].map((o) => o.value)") == ["cone.glb"], "the object is offered")
+        check(b.text("#start dd").startswith("+z, measured"), f"up was measured: {b.text('#start dd')}")
+        until(lambda: solid(b, 0.5, 0.8)[3] > 200, "the capture is drawn")
+        bare = fresh.text()
+        check("LoadSplats" in bare and "PathTrace" not in bare, "the first graph shows the capture")
+        fresh.idle()
+        b.click("#start-click")
+        x, y, w, h = b.box("#space")
+        # The first camera looks at a level surface.
+        click(b, x + w * 0.5, y + h * 0.56)
+        until(lambda: fresh.text() != bare, f"the graph is written: {b.text('#space-note')} {b.text('#notice')}", 120)
+        text = fresh.text()
+        check("LoadObject(path: \"cone.glb\")" in text and "where you put it" in text, "it is a whole graph")
+        z = float(re.search(r"pose: +Pose\(translation: \([^,]*, [^,]*, ([-\d.]+)\)", text)[1])
+        check(min(abs(z), abs(z - 0.7)) < 0.05, f"the cone stands on the floor or on the table: {z}")
+        until(lambda: b.js("return document.getElementById('start').hidden"), "the panel is gone")
+        # A small picture is enough here.
+        first = len(fresh.events)
+        fresh.write(text.replace("width_px: 960, height_px: 540", "width_px: 192, height_px: 108"))
+        until(lambda: any(e["event"] == "file" and not e.get("preview") for e in fresh.events[first:]) and fresh.events[-1]["event"] == "idle", "the picture is there", 240)
+        fresh.write(text)
+        print(f"    capture shown after {shown:.1f} s, picture of 192 by 108 pixels {time.monotonic() - begin:.1f} s after the start, two clicks")
+        until(lambda: not b.js("return document.getElementById('undo').disabled"), "undo is offered")
+        if SHOTS:
+            time.sleep(1)
+            b.shot(SHOTS / "starts.png")
+        for expected in (text.replace("width_px: 960, height_px: 540", "width_px: 192, height_px: 108"), text):
+            until(lambda: not b.js("return document.getElementById('undo').disabled"), "undo is offered")
+            b.click("#undo")
+            until(lambda: fresh.text() == expected, "undo of the other program's changes")
+        b.click("#undo")
+        until(lambda: fresh.text() == bare, "undo goes back to the bare capture")
+        until(lambda: b.js("return !document.getElementById('start').hidden"), "the panel is back")
+        # Started again, it goes on with the graph that is there; another graph is not overwritten.
+        fresh.stop()
+        fresh.write("Graph(version: 1, nodes: ())\n")
+        again = subprocess.run([fresh.program, "watch", "room.ply", "--serve", "--json", "--cache", "cache"], cwd=fresh.path, capture_output=True, text=True, timeout=60)
+        check(again.returncode == 2 and "exists already" in again.stderr, f"another graph stays: {again.stderr}")
+        check(fresh.text() == "Graph(version: 1, nodes: ())\n", "it is untouched")
+    finally:
+        fresh.stop()
+        b.console()
+        b.open(p.url)
+        ready(b)
+
+
+# Folder of screenshots, if they are wanted.
+SHOTS = None
+
+SCENARIOS = [opens, edits, drags, follows, conflicts, mistakes, pictures, compares, moves, turns, stands, looks_through, scrubs, agrees, starts, restarts, refuses]
 
 
 def main():
@@ -453,6 +815,8 @@ def main():
         print("there is no chromium or chromedriver here; nothing was tested")
         return 77
     if args.shots:
+        global SHOTS
+        SHOTS = args.shots
         args.shots.mkdir(parents=True, exist_ok=True)
     program, failed, begin = str(pathlib.Path(args.program).resolve()), 0, time.monotonic()
     place = Place(program)
@@ -473,13 +837,13 @@ def main():
                 scenario(browser, place)
                 errors = browser.console()
                 # A refusal of an edit is an answer, which the console also lists.
-                errors = [e for e in errors if not re.search(r"/(set|plan|try|undo|redo) - Failed to load resource", e)]
+                errors = [e for e in errors if not re.search(r"/(set|plan|try|undo|redo|start) - Failed to load resource", e)]
                 check(not errors, f"errors on the console: {errors}")
                 print(f"ok   {scenario.__name__}: {scenario.__doc__} ({time.monotonic() - start:.1f} s; usable after {used:.2f} s)")
             except Exception as error:
                 failed += 1
                 print(f"FAIL {scenario.__name__}: {scenario.__doc__}\n     {error}\n     status: {browser.text('#status')}; notice: {browser.text('#notice')}")
-            if args.shots:
+            if args.shots and scenario is not starts:
                 browser.shot(args.shots / f"{scenario.__name__}.png")
         print(f"memory of the watch with its page: {place.memory():.0f} MiB")
     finally:

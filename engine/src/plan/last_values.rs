@@ -1,6 +1,7 @@
 //! The values of the last run of a graph, from the store or recomputed.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use cache::Digest;
 
@@ -46,6 +47,13 @@ impl Engine {
     pub fn stored<A: Artifact>(&self, digest: &Digest) -> Option<A> {
         let bytes = self.store.get_blob(digest).ok()??;
         guarded(|| Ok(decode_all(&bytes)?)).ok()
+    }
+
+    /// The value with the digest `digest` that the runs of this process have left in memory; `None` if it is not
+    /// there, or not an `A`. See [`keeping`](Self::keeping). For viewers.
+    pub fn in_memory<A: Artifact>(&self, digest: &Digest) -> Option<Arc<A>> {
+        let value = self.warm.as_ref()?.values.get(&(*digest, A::TYPE, A::FORMAT))?;
+        value.downcast::<A>().ok()
     }
 
     /// The value of an output in the last run of a graph: from the store or, if only its digest was stored,

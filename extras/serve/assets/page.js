@@ -18,6 +18,8 @@ const picture = Picture((side, about, error) => {
   if (error) return side === "a" ? notify(error.message) : notify(`B: ${error.message}`);
   if (side === "a") { layers(about); picture.tables(about.report); }
 });
+// The place view; its code is loaded when it is opened for the first time.
+let place = null;
 
 // Digest of the text that an edit of the page has written, until the page has fetched the graph of this text.
 let written = null;
@@ -85,6 +87,8 @@ async function refresh() {
     outputs();
     nodePane();
     texts();
+    place?.changed();
+    begin();
   });
   const { again } = fetching;
   fetching = null;
@@ -132,24 +136,39 @@ let trying = null;
 // True from the first trial of a value until it is written or dropped.
 let dragging = false;
 
+// Writes an edit; gives null if it was refused.
+const set = (edit) => attempt(async () => {
+  // A trial or a plan that is still on its way must not come after the edit.
+  [trying, dragging] = [null, false];
+  clearTimeout(waiting);
+  waiting = null;
+  await change("/set", edit);
+  graph.would([]);
+  return true;
+}).then((done) => {
+  if (done === null) { post("/try", null).catch(() => {}); nodePane(true); }
+  return done;
+});
+
+// Tries an edit. At most one trial is on its way, and the last one wins.
+function tryOut(edit) {
+  const busy = trying !== null;
+  [trying, dragging] = [{ digest: written ?? view.digest, ...edit }, true];
+  if (!busy) run();
+}
+
+function revert() {
+  [trying, dragging] = [null, false];
+  graph.would([]);
+  attempt(() => post("/try", null));
+}
+
 function editOf(node, param) {
   const whole = (value, at) => ({ digest: written ?? view.digest, node: node.in_file, field: param.name, at, value });
   return {
-    set: (value, at) => attempt(async () => {
-      // A trial or a plan that is still on its way must not come after the edit.
-      [trying, dragging] = [null, false];
-      clearTimeout(waiting);
-      waiting = null;
-      await change("/set", whole(value, at));
-      graph.would([]);
-    }).then((done) => { if (done === null) { post("/try", null).catch(() => {}); nodePane(true); } }),
-    // At most one trial is on its way, and the last value wins.
-    attempt: (value, at) => {
-      const busy = trying !== null;
-      [trying, dragging] = [whole(value, at), true];
-      if (!busy) run();
-    },
-    revert: () => { [trying, dragging] = [null, false]; graph.would([]); attempt(() => post("/try", null)); },
+    set: (value, at) => set(whole(value, at)),
+    attempt: (value, at) => tryOut(whole(value, at)),
+    revert,
     plan: (value, at) => {
       clearTimeout(waiting);
       const own = setTimeout(async () => {
@@ -230,10 +249,32 @@ function favourite(found) {
   return Object.keys(found).at(-1) ?? null;
 }
 
+// The part of the name of a node after the name in the file: its place along the axes.
+const along = (id) => id.slice(id.indexOf("/") + 1 || id.length);
+
+// The outputs of the instances along axes of the node whose output is shown.
+function siblings() {
+  const node = view.nodes?.find((one) => output?.startsWith(`${one.id}.`));
+  if (!node || !along(node.id)) return [];
+  const port = output.slice(node.id.length);
+  return view.nodes.filter((one) => one.in_file === node.in_file).map((one) => one.id + port);
+}
+
+function axes() {
+  const all = siblings();
+  $("axis-label").hidden = all.length < 2;
+  if (all.length < 2) return;
+  $("axis").max = all.length - 1;
+  $("axis").value = all.indexOf(output);
+  const port = output.lastIndexOf(".");
+  $("axis-value").textContent = along(output.slice(0, port));
+}
+
 let outputsShown = "";
 function outputs() {
   const found = values();
   if (!output || (!found[output] && !running())) output = favourite(found);
+  axes();
   const names = Object.keys(found);
   const signature = JSON.stringify([names, output]);
   if (signature !== outputsShown) {
@@ -279,6 +320,48 @@ function others() {
   show($("other"), option("", "nothing"),
     el("optgroup", { label: "History" }, shots.map((shot) => option(`shot|${shot.seconds}${shot.text}`, `${clock(shot.seconds)} ${shot.label}`))),
     el("optgroup", { label: "Other outputs" }, names.map((name) => option(`output|${name}`, name))));
+}
+
+// ---- the place view
+
+// The picture that the graph makes, with its size, for the place view.
+let made = null;
+async function picked() {
+  const found = values();
+  // The instance along axes that is shown, of the output that the graph writes.
+  const name = favourite(found) ?? "";
+  const port = name.lastIndexOf(".");
+  const here = `${name.slice(0, port).split("/")[0]}/${along(output?.slice(0, output.lastIndexOf(".")) ?? "")}${name.slice(port)}`;
+  const digest = found[here] ?? found[name];
+  if (!digest || made?.digest === digest) return;
+  try {
+    const about = await json(`/value/${digest}`);
+    const one = about.pictures[0];
+    made = one ? { digest, number: 0, width: one.width, height: one.height } : null;
+    place?.redraw();
+  } catch { /* the next result comes */ }
+}
+
+// A bare capture is shown as a place at once.
+let begun = false;
+async function begin() {
+  if (begun) return;
+  begun = true;
+  if (view.nodes && !view.nodes.some((node) => node.kind === "PathTrace") && view.starts) await pane(true);
+}
+
+async function pane(toPlace) {
+  $("picture").hidden = toPlace;
+  $("place").hidden = !toPlace;
+  $("tab-place").setAttribute("aria-pressed", String(toPlace));
+  $("tab-picture").setAttribute("aria-pressed", String(!toPlace));
+  if (!toPlace) return picture.redraw();
+  return attempt(async () => {
+    const { Place } = await import("/assets/place.js");
+    place ??= Place({ graph: () => view, state: () => state, picture: () => made, along: () => along(output?.slice(0, output.lastIndexOf(".")) ?? ""), set, attempt: tryOut, revert, choose, notify, start: (data) => attempt(() => change("/start", data)) });
+    place.open();
+    await picked();
+  });
 }
 
 // ---- history
@@ -328,7 +411,7 @@ function handle(event) {
       state.nodes[event.id] = event.node;
       graph.update(event.id, event.node);
       if (event.id === chosen) nodePane();
-      if (event.event !== "start") outputs();
+      if (event.event !== "start") { outputs(); place?.changed(); if (place) picked(); }
       break;
     case "progress":
       state.nodes[event.id] = { ...state.nodes[event.id], status: "running", fraction: event.fraction };
@@ -350,6 +433,8 @@ function handle(event) {
       for (const [id, node] of Object.entries(state.nodes)) {
         if (node.status === "running") { node.status = "skipped"; graph.update(id, node); }
       }
+      // An output that the graph has no more is replaced only now.
+      outputs();
       break;
     case "warning": state.warnings = [...state.warnings, event.text].slice(-20); historyPane(); break;
     default: break;
@@ -367,12 +452,23 @@ const KEYS = [
   ["[ ]", "less or more exposure", null],
   ["0", "fit the picture into the pane", () => picture.fit()],
   ["1", "one picture pixel per screen pixel", () => picture.whole()],
+  ["b", "look around in a panorama", () => picture.round()],
   ["+ -", "zoom", null],
+  ["p", "picture or place", () => pane($("place").hidden)],
   ["t", "text or nodes", () => tab($("text").hidden)],
   ["Ctrl+Z", "undo the last change of the text", null],
   ["Ctrl+Shift+Z", "redo", null],
   ["Escape", "while a value is edited: back to the text", null],
   ["?", "this list", () => $("keys").showModal()],
+  ["W A S D Q E", "in the place: fly", null],
+  ["arrows, page up and down", "in the place: move the object by 1 cm, with Shift by 10 cm", null],
+  [", .", "in the place: turn the object by 5 degrees", null],
+  ["g", "in the place: put the object on the ground below it", null],
+  ["x", "in the place: click where the object shall stand", null],
+  ["c", "in the place: look through the next camera", null],
+  ["Enter", "in the place: set the camera to this view", null],
+  ["0 f", "in the place: see all of it, or the object", null],
+  ["o", "in the place: the traced picture over the view of its camera", null],
 ];
 
 function exposure(by) {
@@ -390,6 +486,9 @@ document.addEventListener("keydown", (event) => {
     return;
   }
   if (typing || event.ctrlKey || event.metaKey || event.altKey || event.target.matches?.('input[type="range"]') && !"?fsdt".includes(event.key)) return;
+  const onControl = event.target.matches?.('#place button, #place input[type="checkbox"]') && !["Enter", " "].includes(event.key);
+  const inPlace = !$("place").hidden && (event.target === document.body || event.target === $("space") || onControl);
+  if (inPlace && place?.key(event)) { event.preventDefault(); return; }
   const more = { "[": () => exposure(-0.5), "]": () => exposure(0.5), "+": () => picture.zoom(1.5), "=": () => picture.zoom(1.5), "-": () => picture.zoom(1 / 1.5) };
   const action = more[event.key] ?? KEYS.find(([key]) => key === event.key)?.[2];
   if (action) { event.preventDefault(); action(); }
@@ -399,10 +498,18 @@ show($("key-list"), KEYS.map(([key, what]) => [el("dt", {}, key), el("dd", {}, w
 $("help").addEventListener("click", () => $("keys").showModal());
 $("undo").addEventListener("click", () => step("/undo"));
 $("redo").addEventListener("click", () => step("/redo"));
+$("tab-picture").addEventListener("click", () => pane(false));
+$("tab-place").addEventListener("click", () => pane(true));
 $("tab-graph").addEventListener("click", () => tab(false));
 $("tab-text").addEventListener("click", () => tab(true));
 $("output").addEventListener("change", () => { output = $("output").value; outputs(); });
 $("layer").addEventListener("change", draw);
+$("axis").addEventListener("input", () => {
+  output = siblings()[Number($("axis").value)] ?? output;
+  outputs();
+  place?.changed();
+  if (place) picked();
+});
 $("other").addEventListener("change", () => { if (picture.mode() === 0) picture.set(1); draw(); });
 $("theme").addEventListener("click", () => {
   const dark = document.documentElement.dataset.theme ? document.documentElement.dataset.theme === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;

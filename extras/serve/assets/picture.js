@@ -22,7 +22,7 @@ export function Picture(report) {
   let program = null;
   let failure = null;
   const sides = { a: null, b: null };
-  const state = { zoom: 1, pan: [0, 0], fitted: true, split: 0.5, mode: 0 };
+  const state = { zoom: 1, pan: [0, 0], fitted: true, split: 0.5, mode: 0, sphere: null };
   const redraw = framed(draw);
 
   function start() {
@@ -90,10 +90,36 @@ export function Picture(report) {
     sides[side] = null;
   }
 
+  // A panorama, which can be looked at from inside.
+  const isRound = () => Boolean(sides.a && sides.a.width === 2 * sides.a.height && sides.a.texture);
+  const sphere = () => (isRound() ? state.sphere : null);
+
+  function round() {
+    if (!isRound()) return;
+    state.sphere = state.sphere ? null : { yaw: 0, pitch: 0, fov: 75 };
+    redraw();
+  }
+
+  const focal = () => view.clientHeight / 2 / Math.tan((state.sphere.fov * Math.PI) / 360);
+
+  // The position in picture A of a point of the pane, in pixels.
+  function spot(x, y) {
+    const a = sides.a;
+    if (!sphere()) return [(x - state.pan[0]) / state.zoom, (y - state.pan[1]) / state.zoom];
+    const { yaw, pitch } = state.sphere;
+    const [dx, dy] = [(x - view.clientWidth / 2) / focal(), (y - view.clientHeight / 2) / focal()];
+    const [s, c, size] = [Math.sin(pitch), Math.cos(pitch), Math.hypot(dx, dy, 1)];
+    const [down, ahead] = [(dy * c - s) / size, (dy * s + c) / size];
+    const u = 0.5 + (Math.atan2(dx / size, ahead) + yaw) / (2 * Math.PI);
+    return [(u - Math.floor(u)) * a.width, (Math.acos(Math.max(-1, Math.min(1, -down))) / Math.PI) * a.height];
+  }
+
   function mode() { return sides.b ? state.mode : 0; }
 
   function draw() {
     const a = sides.a;
+    $("sphere").hidden = !isRound();
+    $("sphere").setAttribute("aria-pressed", String(Boolean(sphere())));
     $("empty").hidden = Boolean(a) || !$("report").hidden;
     const fallback = $("fallback");
     const plain = a && !a.texture;
@@ -123,6 +149,8 @@ export function Picture(report) {
     gl.uniform2f(at("view"), width, height);
     gl.uniform2f(at("pan"), state.pan[0] * ratio, state.pan[1] * ratio);
     gl.uniform1f(at("zoom"), state.zoom * ratio);
+    const ball = sphere();
+    gl.uniform4f(at("sphere"), ball?.yaw ?? 0, ball?.pitch ?? 0, ball ? focal() * ratio : 1, ball ? 1 : 0);
     gl.uniform1f(at("exposure"), Number($("exposure").value));
     gl.uniform1f(at("split"), state.split * width);
     gl.uniform1i(at("mode"), mode());
@@ -140,6 +168,7 @@ export function Picture(report) {
   }
 
   function zoom(factor, x = view.clientWidth / 2, y = view.clientHeight / 2) {
+    if (sphere()) { state.sphere.fov = Math.min(130, Math.max(2, state.sphere.fov / factor)); redraw(); return; }
     const next = Math.min(256, Math.max(0.02, state.zoom * factor));
     state.pan = [x - ((x - state.pan[0]) * next) / state.zoom, y - ((y - state.pan[1]) * next) / state.zoom];
     [state.zoom, state.fitted] = [next, false];
@@ -162,7 +191,7 @@ export function Picture(report) {
     const a = sides.a;
     if (!a) return;
     const box = view.getBoundingClientRect();
-    const [x, y] = [(event.clientX - box.left - state.pan[0]) / state.zoom, (event.clientY - box.top - state.pan[1]) / state.zoom];
+    const [x, y] = spot(event.clientX - box.left, event.clientY - box.top);
     const inside = x >= 0 && y >= 0 && x < a.width && y < a.height;
     const [u, v] = [x / a.width, y / a.height];
     $("pixel").textContent = inside ? [`(${Math.floor(x)}, ${Math.floor(y)})`, sample("a", u, v), sample("b", u, v)].filter(Boolean).join("   ") : "";
@@ -171,7 +200,7 @@ export function Picture(report) {
   let drag = null;
   view.addEventListener("pointerdown", (event) => {
     if (event.target.closest("#report")) return;
-    drag = { split: event.target === $("split"), x: event.clientX, y: event.clientY, pan: [...state.pan] };
+    drag = { split: event.target === $("split"), x: event.clientX, y: event.clientY, pan: [...state.pan], ball: { ...state.sphere } };
     view.setPointerCapture(event.pointerId);
   });
   view.addEventListener("pointermove", (event) => {
@@ -180,6 +209,10 @@ export function Picture(report) {
     if (drag.split) {
       const box = view.getBoundingClientRect();
       state.split = Math.min(1, Math.max(0, (event.clientX - box.left) / box.width));
+    } else if (sphere()) {
+      // What is under the pointer follows it.
+      state.sphere.yaw = drag.ball.yaw - (event.clientX - drag.x) / focal();
+      state.sphere.pitch = Math.max(-1.55, Math.min(1.55, drag.ball.pitch + (event.clientY - drag.y) / focal()));
     } else {
       state.pan = [drag.pan[0] + event.clientX - drag.x, drag.pan[1] + event.clientY - drag.y];
       state.fitted = false;
@@ -198,6 +231,7 @@ export function Picture(report) {
   $("mode").addEventListener("input", () => { state.mode = Number($("mode").value); redraw(); });
   $("fit").addEventListener("click", fit);
   $("whole").addEventListener("click", whole);
+  $("sphere").addEventListener("click", round);
   canvas.addEventListener("webglcontextlost", (event) => { event.preventDefault(); });
   canvas.addEventListener("webglcontextrestored", () => {
     start();
@@ -224,5 +258,5 @@ export function Picture(report) {
     redraw();
   }
 
-  return { load, fit, whole, zoom, set, tables, redraw, mode: () => state.mode, has: (side) => Boolean(sides[side]), failure: () => failure };
+  return { load, fit, whole, round, zoom, set, tables, redraw, mode: () => state.mode, has: (side) => Boolean(sides[side]), failure: () => failure };
 }

@@ -17,6 +17,8 @@ uniform vec2 rangeA, rangeB;
 uniform vec2 view;
 uniform vec2 pan;
 uniform float zoom, exposure, split;
+// Yaw and pitch in radians, focal length in pixels, and 1 if a panorama is looked at from inside.
+uniform vec4 sphere;
 uniform int mode, curve;
 out vec4 colour;
 
@@ -52,6 +54,13 @@ vec3 shown(vec4 s, ivec2 form, vec2 range) {
 }
 void main() {
   vec2 place = (vec2(gl_FragCoord.x, view.y - gl_FragCoord.y) - pan) / zoom;
+  if (sphere.w > 0.5) {
+    vec3 d = normalize(vec3((vec2(gl_FragCoord.x, view.y - gl_FragCoord.y) - 0.5 * view) / sphere.z, 1.0));
+    float s = sin(sphere.y), c = cos(sphere.y);
+    d.yz = vec2(d.y * c - d.z * s, d.y * s + d.z * c);
+    float u = 0.5 + (atan(d.x, d.z) + sphere.x) / 6.2831853, v = acos(clamp(-d.y, -1.0, 1.0)) / 3.1415927;
+    place = min(vec2(fract(u), v) * vec2(sizeA), vec2(sizeA) - 0.5);
+  }
   ivec2 pixel = ivec2(floor(place));
   vec2 ratio = vec2(sizeB) / vec2(max(sizeA, ivec2(1)));
   ivec2 pixelB = ivec2(floor(place * ratio));

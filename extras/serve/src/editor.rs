@@ -15,7 +15,7 @@ use crate::save::{SaveError, replace};
 /// Maximum length of a new value in bytes.
 pub const MAX_VALUE: usize = 16 << 10;
 
-/// An edit of one value.
+/// An edit of one value of a node, or of several at once.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Edit {
@@ -30,7 +30,26 @@ pub struct Edit {
     pub at: Vec<At>,
     /// The new value in RON. `null` removes the field from the text, so that the field has its default.
     pub value: Option<String>,
+    /// Other values of the same node that are changed at the same time.
+    #[serde(default)]
+    pub also: Vec<FieldEdit>,
 }
+
+/// An edit of one more value of a node.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FieldEdit {
+    /// Name of a field.
+    pub field: String,
+    /// Path to a value inside the value of the field.
+    #[serde(default)]
+    pub at: Vec<At>,
+    /// The new value in RON; `null` removes the field.
+    pub value: Option<String>,
+}
+
+/// Maximum number of values that one edit changes.
+const MOST_FIELDS: usize = 16;
 
 /// A step of a path.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
@@ -93,8 +112,8 @@ pub struct Edited {
     pub graph: Graph,
     /// Description of the edit.
     pub label: String,
-    /// The new text of the whole field; `None` if the edit removes the field.
-    pub whole: Option<String>,
+    /// Each edited field with its new text; `None` if the edit removes the field.
+    pub whole: Vec<(String, Option<String>)>,
 }
 
 /// Digest of a text, in the form that clients send.
@@ -133,51 +152,58 @@ impl Editor {
         })
     }
 
-    /// Applies an edit to the current text, without writing it. `graph` is the graph that the client has seen;
-    /// `tried` is true if this graph has a trial value for the field.
+    /// Applies an edit to the current text, without writing it. `graph` is the graph that the client has seen; `tried`
+    /// lists the fields of the node for which this graph has a trial value.
     ///
     /// # Errors
     /// [`Refused`].
-    pub fn edited(&self, graph: &Graph, edit: &Edit, tried: bool) -> Result<Edited, Refused> {
+    pub fn edited(&self, graph: &Graph, edit: &Edit, tried: &[String]) -> Result<Edited, Refused> {
         let old = self.text_seen(graph, &edit.digest)?;
-        let Edit { node, field, value, .. } = edit;
-        may_edit(graph, node, field)?;
-        let document = GraphText::new(&old);
-        let steps: Vec<Step> = edit.at.iter().map(At::step).collect();
-        let change = match value {
-            Some(value) if value.len() > MAX_VALUE => {
-                return Err(fixed(format!(
-                    "the value is longer than {MAX_VALUE} bytes; edit it in the text"
-                )));
-            }
-            Some(value) => document.set(node, field, &steps, value)?,
-            None if steps.is_empty() => document.unset(node, field)?,
-            None => return Err(fixed(format!("only the whole field `{field}` can be removed"))),
-        };
-        if !tried && let Some(span) = document.field(node, field) {
-            refuse_hidden(graph, node, field, &span, old.len())?;
+        if edit.also.len() >= MOST_FIELDS {
+            return Err(fixed(format!("one edit changes at most {MOST_FIELDS} values")));
         }
-        let text = change.apply(&old);
+        let first = FieldEdit { field: edit.field.clone(), at: edit.at.clone(), value: edit.value.clone() };
+        let all: Vec<&FieldEdit> = std::iter::once(&first).chain(&edit.also).collect();
+        let (mut text, mut label) = (old.clone(), String::new());
+        for one in &all {
+            text = changed(graph, &edit.node, one, &text)?;
+            let shadowed = GraphText::new(&old).field(&edit.node, &one.field);
+            if let Some(span) = shadowed.filter(|_| !tried.contains(&one.field)) {
+                refuse_hidden(graph, &edit.node, &one.field, &span, old.len())?;
+            }
+            let dot = if label.is_empty() { "" } else { ", " };
+            label = label + dot + &one.label(&edit.node);
+        }
         let graph = checked(graph, &text)?;
-        let at: String = edit.at.iter().map(At::text).collect();
-        let label = match value {
-            Some(value) => format!("{node}.{field}{at} = {}", value.chars().take(80).collect::<String>()),
-            None => format!("{node}.{field} removed"),
-        };
         let document = GraphText::new(&text);
-        let whole = value.is_some().then(|| document.field(node, field)).flatten();
-        let whole = whole.map(|span| text[span].to_owned());
-        Ok(Edited { whole, old, graph, label, text: text.clone() })
+        let whole = |one: &&FieldEdit| {
+            let span = one.value.as_ref().and_then(|_| document.field(&edit.node, &one.field));
+            (one.field.clone(), span.map(|span| text[span].to_owned()))
+        };
+        let whole = all.iter().map(whole).collect();
+        Ok(Edited { whole, old, graph, label: label.chars().take(200).collect(), text: text.clone() })
     }
 
     /// Applies an edit and writes the file; see [`edited`](Self::edited).
     ///
     /// # Errors
     /// [`Refused`]; the file then has its old content.
-    pub fn set(&mut self, graph: &Graph, edit: &Edit, tried: bool) -> Result<(), Refused> {
+    pub fn set(&mut self, graph: &Graph, edit: &Edit, tried: &[String]) -> Result<(), Refused> {
         let Edited { old, text, label, .. } = self.edited(graph, edit, tried)?;
         self.write(&old, &text)?;
         self.history.saved(&text, &label);
+        Ok(())
+    }
+
+    /// Replaces the whole text with a text that this program has made.
+    ///
+    /// # Errors
+    /// [`Refused`]; the file then has its old content.
+    pub fn replace(&mut self, graph: &Graph, digest: &str, text: &str, label: &str) -> Result<(), Refused> {
+        let old = self.text_seen(graph, digest)?;
+        parsed(graph, text)?;
+        self.write(&old, text)?;
+        self.history.saved(text, label);
         Ok(())
     }
 
@@ -238,6 +264,37 @@ pub const OTHER: &str = "change by another program";
 
 fn fixed(why: String) -> Refused {
     Refused::Fixed { why }
+}
+
+/// Applies the edit of one value to a text.
+fn changed(graph: &Graph, node: &str, edit: &FieldEdit, text: &str) -> Result<String, Refused> {
+    let FieldEdit { field, at, value } = edit;
+    may_edit(graph, node, field)?;
+    let document = GraphText::new(text);
+    let steps: Vec<Step> = at.iter().map(At::step).collect();
+    let change = match value {
+        Some(value) if value.len() > MAX_VALUE => {
+            return Err(fixed(format!(
+                "a value has at most {MAX_VALUE} bytes; edit longer ones in the text"
+            )));
+        }
+        Some(value) => document.set(node, field, &steps, value)?,
+        None if steps.is_empty() => document.unset(node, field)?,
+        None => return Err(fixed(format!("only the whole field `{field}` can be removed"))),
+    };
+    Ok(change.apply(text))
+}
+
+impl FieldEdit {
+    /// Description of the edit for the history.
+    fn label(&self, node: &str) -> String {
+        let Self { field, at, value } = self;
+        let at: String = at.iter().map(At::text).collect();
+        match value {
+            Some(value) => format!("{node}.{field}{at} = {}", value.chars().take(80).collect::<String>()),
+            None => format!("{node}.{field} removed"),
+        }
+    }
 }
 
 impl At {
@@ -301,11 +358,15 @@ fn refuse_hidden(
     Ok(())
 }
 
+fn parsed(graph: &Graph, text: &str) -> Result<Graph, Refused> {
+    let (source, _) = Source::new(graph.source.name.clone(), text).including(&graph.root);
+    Graph::parse(source, &nodes::registry(), graph.root.clone())
+        .map_err(|mistakes: Diagnostics| Refused::Invalid { mistakes: mistakes.mistakes() })
+}
+
 /// Parses the edited text. The edit may not change which files are read or written.
 fn checked(graph: &Graph, text: &str) -> Result<Graph, Refused> {
-    let (source, _) = Source::new(graph.source.name.clone(), text).including(&graph.root);
-    let edited = Graph::parse(source, &nodes::registry(), graph.root.clone())
-        .map_err(|mistakes: Diagnostics| Refused::Invalid { mistakes: mistakes.mistakes() })?;
+    let edited = parsed(graph, text)?;
     let read = |graph: &Graph| graph.files().into_iter().collect::<BTreeSet<_>>();
     let written =
         |graph: &Graph| graph.nodes.iter().filter_map(|node| node.sink_path.clone()).collect::<BTreeSet<_>>();

@@ -16,9 +16,13 @@
 //! | `GET /value/DIGEST` | the pictures or the report of a value: names, sizes, encodings, ranges |
 //! | `GET /value/DIGEST/N.png` | picture N for display; `exposure` in stops, `size` of the longest side in pixels |
 //! | `GET /value/DIGEST/N.f32`, `N.f16` | its samples, little-endian, row by row |
-//! | `POST /set` `{digest, node, field, at, value}` | writes a value into the text |
+//! | `GET /place` | the place: axes, captures, meshes, objects with their poses, cameras, probes |
+//! | `GET /splats/DIGEST`, `/mesh/DIGEST`, `/object/DIGEST` | a value of the place as packed bytes, simplified if it is large |
+//! | `POST /ground` `{digest, eye, way, focal_px}` | the first surface of a mesh or of splats along a ray |
+//! | `POST /set` `{digest, node, field, at, value, also}` | writes a value, or several of one node, into the text |
 //! | `POST /try`, same body or `null` | uses a value for the next runs without writing it, or ends that |
 //! | `POST /plan`, same body | the nodes that would run, and the forecast of their time |
+//! | `POST /start` `{digest, object, stand}` | puts an object into a captured place: replaces the text with a whole graph |
 //! | `POST /undo`, `/redo` `{digest}` | undoes the last change of the text, or redoes the change that was undone last |
 //!
 //! # Security
@@ -34,14 +38,21 @@ mod door;
 mod editor;
 mod error;
 mod events;
+mod ground;
 mod history;
 mod live;
+mod packed;
 mod page;
+mod place;
 mod routes;
 mod save;
+mod starter;
 mod state;
+mod thing;
+mod thinned;
 mod values;
 mod view;
 
 pub use error::Error;
 pub use page::{Options, Page};
+pub use starter::{Proposal, Stand, Starter};

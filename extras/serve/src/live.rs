@@ -6,17 +6,31 @@ use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use engine::{Digest, Engine, Event, Graph, Handle, Load, StoredOutput, Wire};
+use serde::Deserialize;
 use serde_json::{Value, json};
 use tokio::sync::broadcast;
 
 use crate::door::Door;
 use crate::editor::{Edit, Edited, Editor, OTHER, Refused, SharedGraph, digest_of};
 use crate::history::{Shot, now};
+use crate::starter::{Stand, Starter};
 use crate::state::State;
+use crate::thing::Thing;
 use crate::values::{Decoded, Shown};
 
 /// Maximum number of messages that a client may lag behind. A slower client gets the whole state instead.
 const BEHIND: usize = 256;
+
+/// A request to put an object into a captured place.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Start {
+    /// Digest of the text that the client has seen.
+    digest: String,
+    /// Name of the object, as [`Starter::objects`] gives it.
+    object: String,
+    stand: Stand,
+}
 
 /// A message to the pages.
 #[derive(Debug)]
@@ -32,9 +46,13 @@ pub struct Message {
 pub struct Live {
     pub engine: Arc<Engine>,
     pub door: Door,
-    pub decoded: Decoded,
+    pub decoded: Decoded<Shown>,
+    /// Values with a position in space.
+    pub things: Decoded<Thing>,
     /// Number of connected pages.
     pub clients: AtomicUsize,
+    /// The writer of a first graph, for a bare capture.
+    pub starter: Option<Box<dyn Starter>>,
     handle: Handle,
     /// Path of the graph file, without links.
     path: PathBuf,
@@ -52,12 +70,21 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 impl Live {
     /// The data for a page that shows the graph file `path`.
-    pub fn new(engine: Arc<Engine>, handle: Handle, path: PathBuf, door: Door, editor: Editor) -> Self {
+    pub fn new(
+        engine: Arc<Engine>,
+        handle: Handle,
+        path: PathBuf,
+        door: Door,
+        editor: Editor,
+        starter: Option<Box<dyn Starter>>,
+    ) -> Self {
         Self {
             engine,
             door,
             decoded: Decoded::default(),
+            things: Decoded::default(),
             clients: AtomicUsize::new(0),
+            starter,
             handle,
             path,
             state: Mutex::default(),
@@ -204,8 +231,23 @@ impl Live {
 
     /// Applies an edit to the file.
     pub fn set(&self, edit: &Edit) -> Result<Value, Refused> {
-        let (graph, tried) = (self.graph()?, self.is_tried(edit));
-        self.write(|editor| editor.set(&graph, edit, tried))
+        let (graph, tried) = (self.graph()?, self.tried_of(&edit.node));
+        self.write(|editor| editor.set(&graph, edit, &tried))
+    }
+
+    /// Replaces the text with a graph in which an object stands in the captured place.
+    pub fn start(&self, start: &Start) -> Result<Value, Refused> {
+        let fixed = |why: String| Refused::Fixed { why };
+        let graph = self.graph()?;
+        let none = || fixed("this graph was not started from a bare capture".to_owned());
+        let starter = self.starter.as_ref().ok_or_else(none)?;
+        // Only names that were offered, so that a request cannot name a path.
+        if !starter.objects().contains(&start.object) {
+            return Err(fixed("this object is not among the files that were found".to_owned()));
+        }
+        let text = starter.graph(&start.object, &start.stand).map_err(fixed)?;
+        let label = format!("{} put into the place", start.object);
+        self.write(|editor| editor.replace(&graph, &start.digest, &text, &label))
     }
 
     /// Undoes the last change (`undo`), or repeats the change that was undone last.
@@ -229,20 +271,21 @@ impl Live {
     /// Sets a trial value, which is not written to the file. Runs use it until [`end_try`](Self::end_try) is called
     /// or an edit is made.
     pub fn try_value(&self, edit: &Edit) -> Result<Value, Refused> {
-        let (graph, tried) = (self.graph()?, self.is_tried(edit));
-        let Edited { whole, .. } = lock(&self.editor).edited(&graph, edit, tried)?;
-        let whole = whole.ok_or_else(|| Refused::Fixed {
-            why: "the request does not contain a value to try".to_owned(),
-        })?;
-        lock(&self.tried).insert((edit.node.clone(), edit.field.clone()), whole);
+        let (graph, tried) = (self.graph()?, self.tried_of(&edit.node));
+        let Edited { whole, .. } = lock(&self.editor).edited(&graph, edit, &tried)?;
+        let missing = || Refused::Fixed { why: "the request does not contain a value to try".to_owned() };
+        let whole = whole.into_iter().map(|(field, value)| Some(((edit.node.clone(), field), value?)));
+        let whole: Vec<_> = whole.collect::<Option<_>>().ok_or_else(missing)?;
+        lock(&self.tried).extend(whole);
         self.look();
         Ok(json!({"tried": true}))
     }
 
-    /// True if the field has a trial value. Edits of such a field are not checked for overlays on the command line,
-    /// since this was done when the trial began.
-    fn is_tried(&self, edit: &Edit) -> bool {
-        lock(&self.tried).contains_key(&(edit.node.clone(), edit.field.clone()))
+    /// The fields of a node that have trial values. Edits of such a field are not checked for overlays on the command
+    /// line, since this was done when the trial began.
+    fn tried_of(&self, node: &str) -> Vec<String> {
+        let tried = lock(&self.tried);
+        tried.keys().filter(|(known, _)| known == node).map(|(_, field)| field.clone()).collect()
     }
 
     /// Drops the trial values.
@@ -261,8 +304,8 @@ impl Live {
 
     /// The nodes that would run after an edit, and the forecast of their time.
     pub fn plan(&self, edit: &Edit) -> Result<Value, Refused> {
-        let (graph, tried) = (self.graph()?, self.is_tried(edit));
-        let Edited { graph: edited, .. } = lock(&self.editor).edited(&graph, edit, tried)?;
+        let (graph, tried) = (self.graph()?, self.tried_of(&edit.node));
+        let Edited { graph: edited, .. } = lock(&self.editor).edited(&graph, edit, &tried)?;
         let only = self.with_state(|state| state.only.clone());
         let ids: BTreeSet<&str> = only.iter().map(|&index| graph.nodes[index].id.as_str()).collect();
         let only: Vec<usize> =
@@ -279,16 +322,34 @@ impl Live {
         self.handle.hint(vec![self.path.clone()]);
     }
 
-    /// The value with a digest, if it is or was a value of this graph, now, recently or in a recorded run. Values
-    /// of other graphs in the same cache are never returned.
-    pub fn value(&self, digest: &str) -> Option<Arc<Shown>> {
-        let parsed = Digest::from_hex(digest)?;
-        let current = self.with_state(|state| {
+    /// The output that has a value now, and its type.
+    fn current(&self, digest: &str) -> Option<(SharedGraph, Wire, &'static str)> {
+        self.with_state(|state| {
             let (id, port, type_name) = state.find(digest)?;
             let graph = state.graph.clone()?;
             let node = graph.find(&id)?;
             Some((graph, Wire { node, port }, type_name))
-        });
+        })
+    }
+
+    /// The value with a position in space that has this digest, if an output has it now.
+    pub fn thing(&self, digest: &str) -> Option<Arc<Thing>> {
+        let (graph, wire, _) = self.current(digest)?;
+        self.thing_of(&graph, wire, digest)
+    }
+
+    /// The value of an output, whose digest is known.
+    pub fn thing_of(&self, graph: &Graph, wire: Wire, digest: &str) -> Option<Arc<Thing>> {
+        let parsed = Digest::from_hex(digest)?;
+        let type_name = graph.nodes[wire.node].kind.outputs[wire.port].artifact.name;
+        self.things.get(&parsed, || Thing::read(&self.engine, type_name, &parsed, Some((graph, wire))))
+    }
+
+    /// The value with a digest, if the graph has it now, had it before, or had it in a recorded run. Values of other
+    /// graphs in the same cache are not given.
+    pub fn value(&self, digest: &str) -> Option<Arc<Shown>> {
+        let parsed = Digest::from_hex(digest)?;
+        let current = self.current(digest);
         let wire = current.as_ref().map(|(graph, wire, _)| (&**graph, *wire));
         let type_name = match &current {
             Some((_, _, type_name)) => (*type_name).to_owned(),

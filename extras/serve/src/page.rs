@@ -17,6 +17,7 @@ use crate::error::Error;
 use crate::history::{History, name_of, write_private};
 use crate::live::Live;
 use crate::routes::router;
+use crate::starter::Starter;
 
 /// Options of a page.
 pub struct Options {
@@ -26,6 +27,8 @@ pub struct Options {
     pub port: Option<u16>,
     /// Folder of the history of edits and of the address; `None` to keep them in memory only.
     pub folder: Option<PathBuf>,
+    /// The writer of a first graph with an object; `None` if the graph is not that of a bare capture.
+    pub starter: Option<Box<dyn Starter>>,
 }
 
 /// The server of a page. Dropping this value stops the server.
@@ -76,7 +79,8 @@ impl Page {
         let text = engine::read_text(&graph, engine::MAX_GRAPH_BYTES);
         let text = text.map_err(|error| Error::Graph { path: options.graph.clone(), error })?;
         let editor = Editor::new(graph.clone(), History::open(file(".history.jsonl"), &text));
-        let live = Arc::new(Live::new(engine, handle, graph, Door::new(token, port), editor));
+        let live =
+            Arc::new(Live::new(engine, handle, graph, Door::new(token, port), editor, options.starter));
         let (stop, stopped) = oneshot::channel();
         let served = live.clone();
         let serve = move || {

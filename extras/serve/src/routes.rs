@@ -17,7 +17,11 @@ use crate::assets;
 use crate::door::{HEADERS, Refused as Denied};
 use crate::editor::{Edit, MAX_VALUE, Refused};
 use crate::events::events;
-use crate::live::Live;
+use crate::ground::{Ray, ground};
+use crate::live::{Live, Start};
+use crate::packed::{self, MOST_SPLATS, Surface};
+use crate::place::place;
+use crate::thing::Thing;
 use crate::values::{floats, halves, png};
 use crate::view::view;
 
@@ -46,9 +50,15 @@ pub fn router(live: Arc<Live>) -> Router {
         .route("/graph", get(graph))
         .route("/value/{digest}", get(describe))
         .route("/value/{digest}/{picture}", get(picture))
+        .route("/place", get(place_view))
+        .route("/splats/{digest}", get(splats))
+        .route("/mesh/{digest}", get(mesh))
+        .route("/object/{digest}", get(object))
+        .route("/ground", post(ground_at))
         .route("/set", post(set))
         .route("/try", post(try_value))
         .route("/plan", post(plan))
+        .route("/start", post(start))
         .route("/undo", post(|state: Shared, body: Bytes| step(state, body, true)))
         .route("/redo", post(|state: Shared, body: Bytes| step(state, body, false)))
         .fallback(file)
@@ -138,7 +148,12 @@ async fn session(State(live): Shared, body: Bytes) -> Response {
 }
 
 async fn graph(State(live): Shared) -> Response {
-    match tokio::task::spawn_blocking(move || live.with_state(view)).await {
+    let described = move || {
+        let mut view = live.with_state(view);
+        view["starts"] = live.starter.is_some().into();
+        view
+    };
+    match tokio::task::spawn_blocking(described).await {
         Ok(view) => Json(view).into_response(),
         Err(_) => failed("the graph cannot be described"),
     }
@@ -159,6 +174,10 @@ async fn try_value(State(live): Shared, body: Bytes) -> Response {
         None => Ok(live.end_try()),
     })
     .await
+}
+
+async fn start(State(live): Shared, body: Bytes) -> Response {
+    answer(live, body, |live, start: Start| live.start(&start)).await
 }
 
 #[derive(Deserialize)]
@@ -183,6 +202,54 @@ async fn describe(State(live): Shared, Path(digest): Path<String>) -> Response {
         Ok(None) => missing(GONE),
         Err(_) => failed("the value cannot be read"),
     }
+}
+
+async fn place_view(State(live): Shared) -> Response {
+    match tokio::task::spawn_blocking(move || place(&live)).await {
+        Ok(place) => Json(place).into_response(),
+        Err(_) => failed("the place cannot be described"),
+    }
+}
+
+/// Answers with a value of the place as bytes.
+async fn thing(live: Arc<Live>, digest: String, pack: fn(&Thing) -> Option<Vec<u8>>) -> Response {
+    let packed = move || live.thing(&digest).and_then(|thing| pack(&thing));
+    match tokio::task::spawn_blocking(packed).await {
+        Ok(Some(bytes)) => {
+            let kind = (header::CONTENT_TYPE, "application/octet-stream");
+            ([kind, (IMMUTABLE.0, IMMUTABLE.1)], bytes).into_response()
+        }
+        Ok(None) => missing(GONE),
+        Err(_) => failed("the value cannot be packed"),
+    }
+}
+
+async fn splats(State(live): Shared, Path(digest): Path<String>) -> Response {
+    let pack = |thing: &Thing| match thing {
+        Thing::Splats(splats) => Some(packed::splats(splats, MOST_SPLATS)),
+        _ => None,
+    };
+    thing(live, digest, pack).await
+}
+
+async fn mesh(State(live): Shared, Path(digest): Path<String>) -> Response {
+    let pack = |thing: &Thing| match thing {
+        Thing::Mesh(mesh) => Some(Surface::of_mesh(mesh).pack()),
+        _ => None,
+    };
+    thing(live, digest, pack).await
+}
+
+async fn object(State(live): Shared, Path(digest): Path<String>) -> Response {
+    thing(live, digest, |thing| thing.object().map(|object| Surface::of_object(object).pack())).await
+}
+
+/// The surface along a ray; `null` with the reason if there is none.
+async fn ground_at(State(live): Shared, body: Bytes) -> Response {
+    answer(live, body, |live, ray: Ray| {
+        Ok(ground(live, &ray).unwrap_or_else(|why| json!({"position": null, "why": why})))
+    })
+    .await
 }
 
 /// How a picture is displayed.

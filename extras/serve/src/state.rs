@@ -268,6 +268,16 @@ impl State {
         self.nodes.iter().flat_map(shown).collect()
     }
 
+    /// The current values of these types, each as node, index of the output and digest.
+    pub fn outputs(&self, types: &[&str]) -> Vec<(String, usize, String)> {
+        let of = |(id, node): (&String, &NodeState)| {
+            let outputs = node.outputs.iter().enumerate();
+            let fitting = outputs.filter(|(_, output)| types.contains(&output.type_name));
+            fitting.map(|(port, output)| (id.clone(), port, output.digest.clone())).collect::<Vec<_>>()
+        };
+        self.nodes.iter().flat_map(of).collect()
+    }
+
     /// The node, the index of the output and the type of a current value.
     pub fn find(&self, digest: &str) -> Option<(String, usize, &'static str)> {
         self.nodes.iter().find_map(|(id, node)| {

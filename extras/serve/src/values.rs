@@ -18,6 +18,12 @@ pub const SHOWN: [&str; 6] = ["image", "views", "pano", "env", "brackets", "repo
 /// Maximum memory of decoded values, in bytes. The last value is kept even if it is larger.
 const MEMORY: usize = 512 << 20;
 
+/// A decoded value whose memory is counted.
+pub trait Weight {
+    /// Memory in bytes, roughly.
+    fn bytes(&self) -> usize;
+}
+
 /// A decoded value.
 pub struct Shown {
     /// Its pictures, each with its name.
@@ -103,7 +109,9 @@ impl Shown {
         });
         Description { pictures: pictures.collect(), report: self.report.as_ref() }
     }
+}
 
+impl Weight for Shown {
     fn bytes(&self) -> usize {
         self.pictures.iter().map(|image| image.picture.samples().len() * 4).sum()
     }
@@ -185,14 +193,19 @@ pub fn png(picture: &Picture, exposure: f32, size: Option<usize>) -> Result<Vec<
 }
 
 /// The most recently decoded values.
-#[derive(Default)]
-pub struct Decoded(Mutex<Vec<(Digest, Arc<Shown>)>>);
+pub struct Decoded<T>(Mutex<Vec<(Digest, Arc<T>)>>);
 
-impl Decoded {
+impl<T> Default for Decoded<T> {
+    fn default() -> Self {
+        Self(Mutex::default())
+    }
+}
+
+impl<T: Weight> Decoded<T> {
     /// The value with this digest, from memory or from `read`.
-    pub fn get(&self, digest: &Digest, read: impl FnOnce() -> Option<Shown>) -> Option<Arc<Shown>> {
+    pub fn get(&self, digest: &Digest, read: impl FnOnce() -> Option<T>) -> Option<Arc<T>> {
         let lock = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let known = |values: &Vec<(Digest, Arc<Shown>)>| values.iter().position(|(known, _)| known == digest);
+        let known = |values: &Vec<(Digest, Arc<T>)>| values.iter().position(|(known, _)| known == digest);
         {
             let mut values = lock();
             if let Some(at) = known(&values) {

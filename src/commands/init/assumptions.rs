@@ -7,8 +7,8 @@ use engine::Up;
 
 use super::graph::{ALBEDO, length, number, percent, vector};
 use super::sky::Sky;
-use super::survey::{Survey, is_known};
-use crate::session::standing::UpBy;
+use super::survey::{Survey, decimals, is_known};
+use crate::session::standing::{Standing, UpBy};
 
 /// Describes a confidence in words.
 fn sure(confidence: f64) -> String {
@@ -20,6 +20,65 @@ fn sure(confidence: f64) -> String {
         "not sure"
     };
     format!("{word} ({confidence:.2})")
+}
+
+/// A measured or assumed property of a capture.
+pub struct Assumption {
+    /// The property: `up`, `floor` or `scale`.
+    pub what: &'static str,
+    /// Its value, and how it was found.
+    pub value: String,
+    /// Probability that it is correct; `None` if it is not known.
+    pub confidence: Option<f64>,
+}
+
+impl Assumption {
+    /// The value, followed by the confidence in words.
+    pub fn text(&self) -> String {
+        let sure = self.confidence.map(|confidence| format!(", {}", sure(confidence)));
+        format!("{}{}", self.value, sure.unwrap_or_default())
+    }
+}
+
+/// The up axis, the floor and the scale of a capture.
+pub fn of_capture(standing: &Standing, metres_per_unit: f64) -> [Assumption; 3] {
+    let (stand, digits) = (&standing.stand, decimals(&standing.stand).min(3));
+    let by = match standing.by {
+        UpBy::Measured if stand.by_cameras => "measured from the cameras",
+        UpBy::Measured => "measured from the ground and the objects on it",
+        UpBy::Format => "defined by the file format, but not confirmed by the splats",
+        UpBy::Guessed => "guessed",
+    };
+    let turned = if standing.matrix.is_some() { " after the rotation by `matrix`" } else { "" };
+    let up = Assumption {
+        what: "up",
+        value: format!("{}{turned}, {by}", standing.up.name()),
+        confidence: Some(standing.confidence),
+    };
+    let axis = match standing.up {
+        Up::PlusZ => ("z", 1.0),
+        Up::PlusY => ("y", 1.0),
+        Up::MinusY => ("y", -1.0),
+    };
+    let ceiling = stand.ceiling.map(|c| format!(", ceiling at {}", length(c * axis.1, digits)));
+    let floor = Assumption {
+        what: "floor",
+        value: format!(
+            "{} = {}{}",
+            axis.0,
+            length(stand.floor * axis.1, digits),
+            ceiling.unwrap_or_default()
+        ),
+        confidence: Some(stand.floor_confidence.min(standing.confidence)),
+    };
+    let (value, confidence) = match stand.scale.metres_per_unit {
+        Some(_) if is_known(stand) => (
+            format!("{} m per unit: {}", number(metres_per_unit), stand.scale.reason),
+            Some(stand.scale.confidence),
+        ),
+        _ => (format!("NOT KNOWN; the graph assumes {} m per unit", number(metres_per_unit)), None),
+    };
+    [up, floor, Assumption { what: "scale", value, confidence }]
 }
 
 /// Lists the assumptions, one per line, each with its confidence and the line of the graph to edit.
@@ -36,45 +95,8 @@ pub fn list(survey: &Survey, graph: &str, path: &Path) -> String {
         // Writing to a string cannot fail.
         let _ = writeln!(out, "{what:>9}  {value}{confidence}   [{}]", at(begin));
     };
-    let by = match s.standing.by {
-        UpBy::Measured if s.standing.stand.by_cameras => "measured from the cameras",
-        UpBy::Measured => "measured from the ground and the objects on it",
-        UpBy::Format => "defined by the file format, but not confirmed by the splats",
-        UpBy::Guessed => "guessed",
-    };
-    let turned = if s.standing.matrix.is_some() { " after the rotation by `matrix`" } else { "" };
-    line("up", format!("{}{turned}, {by}", s.standing.up.name()), Some(s.standing.confidence), "scene: (");
-    let axis = match s.standing.up {
-        Up::PlusZ => ("z", 1.0),
-        Up::PlusY => ("y", 1.0),
-        Up::MinusY => ("y", -1.0),
-    };
-    let floor = length(s.standing.stand.floor * axis.1, digits);
-    let ceiling = s
-        .standing
-        .stand
-        .ceiling
-        .map(|c| format!(", ceiling at {}", length(c * axis.1, digits)))
-        .unwrap_or_default();
-    line(
-        "floor",
-        format!("{} = {floor}{ceiling}", axis.0),
-        Some(s.standing.stand.floor_confidence.min(s.standing.confidence)),
-        "pose:",
-    );
-    match s.standing.stand.scale.metres_per_unit {
-        Some(_) if is_known(&s.standing.stand) => line(
-            "scale",
-            format!("{} m per unit: {}", number(s.metres_per_unit), s.standing.stand.scale.reason),
-            Some(s.standing.stand.scale.confidence),
-            "scene: (",
-        ),
-        _ => line(
-            "scale",
-            format!("NOT KNOWN; the graph assumes {} m per unit", number(s.metres_per_unit)),
-            None,
-            "scene: (",
-        ),
+    for Assumption { what, value, confidence } in of_capture(&s.standing, s.metres_per_unit) {
+        line(what, value, confidence, if what == "floor" { "pose:" } else { "scene: (" });
     }
     match s.arranged.surface {
         Some(surface) => line(

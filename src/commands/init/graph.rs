@@ -3,10 +3,11 @@
 use std::fmt::Write as _;
 
 use glam::DVec3;
+use nodes::render::layout::Viewpoint;
 
 use super::sky::Sky;
 use super::survey::{NEAR, SIZE, Survey, is_known, one_digit};
-use crate::session::standing::UpBy;
+use crate::session::standing::{Standing, UpBy};
 
 /// Writes a text as a string of a graph file, in quotes.
 fn quoted(text: &str) -> String {
@@ -71,11 +72,42 @@ impl Lines {
     }
 }
 
+/// Writes the graph of a capture without an object: a view of the place.
+pub fn of_capture(splats: &str, standing: &Standing, metres_per_unit: f64, view: &Viewpoint) -> String {
+    let mut o = Lines::default();
+    o.line("// A captured place, written by `lightharmony watch`. On the live page, an object can be put into it.");
+    o.line("Graph(");
+    o.line("    version: 1,");
+    o.line("");
+    scene(&mut o, standing, metres_per_unit, false);
+    o.line("");
+    o.line("    nodes: (");
+    o.line(&format!(
+        "        scene:  LoadSplats(path: {}{}),",
+        quoted(splats),
+        matrix(standing.matrix.as_ref())
+    ));
+    o.line(&camera_line(view.eye, view.target, view.fov_y_deg));
+    o.line("        view:   SplatRender(splats: \"scene\", rig: \"camera\"),");
+    o.line("        save:   WriteImage(image: \"view.colour\", path: \"picture.png\"),");
+    o.line("    ),");
+    o.line(")");
+    o.0
+}
+
+fn camera_line(eye: DVec3, target: DVec3, fov_y_deg: f64) -> String {
+    let [width, height] = SIZE;
+    let (eye, target, fov) = (vector(eye), vector(target), number(fov_y_deg));
+    format!(
+        "        camera: Camera(eye: {eye}, target: {target}, width_px: {width}, height_px: {height}, fov_y_deg: {fov}),"
+    )
+}
+
 /// Writes the graph.
 pub fn text(survey: &Survey) -> String {
     let mut o = Lines::default();
     head(&mut o);
-    scene(&mut o, survey);
+    scene(&mut o, &survey.standing, survey.metres_per_unit, survey.arranged.fitted);
     o.line("");
     o.line("    nodes: (");
     object(&mut o, survey);
@@ -117,11 +149,10 @@ fn head(o: &mut Lines) {
     o.line("");
 }
 
-/// Writes the up axis and the scale.
-fn scene(o: &mut Lines, s: &Survey) {
-    let arranged = &s.arranged;
-    let by = match s.standing.by {
-        UpBy::Measured if s.standing.matrix.is_some() => {
+/// Writes the up axis and the scale. `is_fitted` is true if the scale of the place follows from the object.
+fn scene(o: &mut Lines, standing: &Standing, metres_per_unit: f64, is_fitted: bool) {
+    let by = match standing.by {
+        UpBy::Measured if standing.matrix.is_some() => {
             "The capture is tilted: `matrix` below rotates it so that this axis points up."
         }
         UpBy::Measured => "The up axis was measured.",
@@ -131,10 +162,10 @@ fn scene(o: &mut Lines, s: &Survey) {
         }
     };
     o.line(&format!("    // {by}"));
-    let scale = if is_known(&s.standing.stand) {
-        format!("`metres_per_unit` was measured: {}.", s.standing.stand.scale.reason)
+    let scale = if is_known(&standing.stand) {
+        format!("`metres_per_unit` was measured: {}.", standing.stand.scale.reason)
     } else {
-        let fitted = if arranged.fitted { " With this value the object fits." } else { "" };
+        let fitted = if is_fitted { " With this value the object fits." } else { "" };
         format!(
             "`metres_per_unit` is NOT KNOWN: choose an object whose length you know, and write its length in metres divided by its length in units.{fitted}"
         )
@@ -142,8 +173,8 @@ fn scene(o: &mut Lines, s: &Survey) {
     o.line(&format!("    // {scale}"));
     o.line(&format!(
         "    scene: (up: \"{}\", metres_per_unit: {}, seed: 7),",
-        s.standing.up.name(),
-        number(s.metres_per_unit)
+        standing.up.name(),
+        number(metres_per_unit)
     ));
 }
 
@@ -156,6 +187,9 @@ fn object(o: &mut Lines, s: &Survey) {
     o.line(&format!("        object: LoadObject(path: {}),", quoted(&s.object)));
     o.line("");
     let on = match arranged.surface {
+        Some(surface) if s.is_chosen => {
+            format!("where you put it, {} above the floor", length(surface.height.max(0.0), 2))
+        }
         Some(surface) => format!(
             "on a level surface, {} above the floor, with {} of free space around it",
             length(surface.height.max(0.0), 2),
@@ -236,15 +270,11 @@ fn camera(o: &mut Lines, s: &Survey) {
                 },
                 |view| (view.eye, view.target, view.fov_y_deg),
             );
-            o.line("        // The camera, in free space with a clear view of the object.");
-            o.line(&format!(
-                "        camera: Camera(eye: {}, target: {}, width_px: {}, height_px: {}, fov_y_deg: {}),",
-                vector(eye),
-                vector(target),
-                SIZE[0],
-                SIZE[1],
-                number(fov)
-            ));
+            o.line(match s.is_chosen {
+                true => "        // The camera, as you looked at the place.",
+                false => "        // The camera, in free space with a clear view of the object.",
+            });
+            o.line(&camera_line(eye, target, fov));
         }
     }
 }

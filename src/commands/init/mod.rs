@@ -1,9 +1,9 @@
 //! `init`: creates a folder with a first graph, for a synthetic scene or for the user's files.
 
-mod assumptions;
-mod graph;
+pub(super) mod assumptions;
+pub(super) mod graph;
 mod sky;
-mod survey;
+pub(super) mod survey;
 
 use std::path::PathBuf;
 

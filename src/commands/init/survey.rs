@@ -8,7 +8,7 @@ use glam::DVec3;
 use nodes::geometry::level::{LevelEstimate, Scale};
 use nodes::kinds::load_object::{self, LoadObject};
 use nodes::math::equirect::axes;
-use nodes::render::layout::{Arrangement, Extents, arrange};
+use nodes::render::layout::{Arrangement, Extents, Surface, Viewpoint, arrange};
 use nodes::types::Rig;
 
 use super::sky::Sky;
@@ -38,6 +38,15 @@ pub struct Files<'a> {
     pub cameras: Option<&'a Path>,
     /// File of a photograph of the place.
     pub photo: Option<&'a Path>,
+}
+
+/// Where the user wants the object and the camera.
+#[derive(Debug, Clone, Copy)]
+pub struct Wanted {
+    /// Point that the object stands on, in world units.
+    pub place: DVec3,
+    /// The camera.
+    pub view: Viewpoint,
 }
 
 /// A photograph, and the camera of the same name.
@@ -78,6 +87,8 @@ pub struct Survey {
     pub probe_metres: f64,
     /// The light at the probe.
     pub sky: Sky,
+    /// True if the user chose the place and the camera.
+    pub is_chosen: bool,
 }
 
 /// The path of a file as written in a graph in `folder`: relative to `folder` if the two have a common parent
@@ -120,7 +131,12 @@ impl Survey {
         {
             splats::check(file)?;
         }
-        let standing = Standing::of(files.splats, files.cameras)?;
+        Self::on(Standing::of(files.splats, files.cameras)?, files, None)
+    }
+
+    /// Derives the values of the graph for a capture that has been read. `wanted` replaces the place and the camera
+    /// that would be chosen.
+    pub fn on(standing: Standing, files: &Files<'_>, wanted: Option<Wanted>) -> Result<Self, NodeError> {
         let (up, stand, cameras) = (standing.up, &standing.stand, standing.cameras.as_deref());
         let cx = splats::context(up);
         let params = LoadObject { path: InputFile(files.object.display().to_string()), scene: None };
@@ -129,6 +145,12 @@ impl Survey {
             .ok_or_else(|| NodeError::new(format!("`{}` has no triangles", files.object.display())))?;
         let mut metres_per_unit = metres(stand);
         let mut arranged = arrange(&standing.splats, stand, &extents, metres_per_unit, cameras, &cx)?;
+        if let Some(Wanted { place, view }) = wanted {
+            let height = place.dot(axes(up)[2]) - stand.floor;
+            let radius = arranged.surface.map_or(0.0, |surface| surface.radius);
+            let surface = Surface { place, radius, height, clearance: 0.0, area: 0.0, score: 0.0 };
+            arranged = Arrangement { place, surface: Some(surface), view: Some(view), ..arranged };
+        }
         if arranged.fitted && !is_known(stand) {
             // Lengths in the graph are in metres. The object keeps its size, and the scale of the place is chosen
             // to fit it.
@@ -168,6 +190,7 @@ impl Survey {
             yaw_deg,
             probe_metres,
             sky,
+            is_chosen: wanted.is_some(),
         })
     }
 
@@ -201,7 +224,7 @@ fn three_digits(value: f64) -> f64 {
 
 /// The scale to write to the graph, in metres per unit: the measured scale if its confidence is high, otherwise 1
 /// if the radius of the scene is plausible in metres, otherwise a power of ten that makes the radius plausible.
-fn metres(stand: &LevelEstimate) -> f64 {
+pub fn metres(stand: &LevelEstimate) -> f64 {
     match &stand.scale {
         Scale { metres_per_unit: Some(metres), confidence, .. } if *confidence >= 0.5 => rounded(*metres, 4),
         _ if (METRIC[0]..METRIC[1]).contains(&stand.radius) => 1.0,
@@ -231,7 +254,7 @@ fn photo(path: &Path, files: &Files<'_>, cameras: Option<&Rig>) -> Result<Photo,
 
 /// Number of decimal places of coordinates: the smallest number, from 2 to 9, for which the radius of the scene is
 /// at least 2000 units of the last place.
-fn decimals(stand: &LevelEstimate) -> usize {
+pub fn decimals(stand: &LevelEstimate) -> usize {
     let (mut digits, mut size) = (0, stand.radius);
     while size < 2000.0 && digits < 9 {
         (digits, size) = (digits + 1, size * 10.0);
@@ -239,7 +262,7 @@ fn decimals(stand: &LevelEstimate) -> usize {
     digits.max(2)
 }
 
-fn rounded(value: f64, decimals: usize) -> f64 {
+pub fn rounded(value: f64, decimals: usize) -> f64 {
     let unit = (0..decimals).fold(1.0, |unit, _| unit * 10.0);
     let whole = (value * unit).round() / unit;
     // Not -0.

@@ -1,6 +1,6 @@
 //! In place of the live page, in builds without the feature `serve`.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use engine::{Engine, Event, Handle, Load};
@@ -10,6 +10,24 @@ use crate::session::Error;
 /// The type of the live page in a build without it. It has no values.
 pub enum LivePage {}
 
+/// The type of a capture in a build without the live page. It has no values.
+pub enum Capture {}
+
+impl Capture {
+    /// Returns an error that names the feature.
+    pub fn open(_: &Path) -> Result<Self, Error> {
+        Err(absent())
+    }
+
+    pub fn path(&self) -> PathBuf {
+        match *self {}
+    }
+}
+
+fn absent() -> Error {
+    Error::usage("this program was built without the live page; build it with `--features serve`")
+}
+
 impl LivePage {
     /// Returns an error that names the feature.
     pub fn start(
@@ -18,8 +36,9 @@ impl LivePage {
         _: &Path,
         _: Option<u16>,
         _: Option<&Path>,
+        _: Option<Capture>,
     ) -> Result<Self, Error> {
-        Err(Error::usage("this program was built without the live page; build it with `--features serve`"))
+        Err(absent())
     }
 
     pub fn url(&self) -> String {

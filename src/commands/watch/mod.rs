@@ -1,5 +1,7 @@
 //! `watch`: runs a graph again whenever it or a file it reads changes.
 
+#[cfg(feature = "serve")]
+mod capture;
 #[cfg(not(feature = "serve"))]
 #[path = "absent.rs"]
 mod page;
@@ -12,7 +14,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::Args;
 use engine::{Graph, Load, Refusal, WatchOptions};
-use page::LivePage;
+use page::{Capture, LivePage};
 
 use crate::session::origin::is_written_once;
 use crate::session::{EngineArgs, Error, GraphArgs};
@@ -23,7 +25,7 @@ use crate::terminal::{self, Report};
 /// A slow picture is first shown as a rough preview, which is then refined. While the graph has mistakes, the last
 /// picture is kept.
 #[derive(Debug, Args)]
-#[command(mut_arg("graph", |graph| graph.help("The graph file (RON)")))]
+#[command(mut_arg("graph", |graph| graph.help("The graph file (RON); with `--serve` also a captured place, for which `graph.ron` is written in the current folder")))]
 #[command(mut_arg("inputs", |inputs| inputs.help("For the graph of an unpacked bundle: a folder whose files it may read; may be repeated")))]
 #[command(mut_arg("other_versions", |other| other.hide(true)))]
 pub struct Watch {
@@ -58,6 +60,12 @@ pub struct Watch {
 /// The reason why a bundle or a picture cannot be watched.
 const WRITTEN_ONCE: &str = "a bundle or a picture does not change; to edit and watch a bundle, unpack it with `lightharmony unpack` and watch `graph.ron` in the new folder";
 
+/// True if a path names a captured place and not a graph.
+fn is_capture(path: &Path) -> bool {
+    let ends = |end: &str| path.extension().is_some_and(|known| known.eq_ignore_ascii_case(end));
+    path.is_dir() || ["ply", "spz", "sog", "splat", "ksplat", "glb", "gltf"].into_iter().any(ends)
+}
+
 impl Watch {
     /// Watches until it is interrupted.
     pub fn run(self) -> Result<u8, Error> {
@@ -69,6 +77,14 @@ impl Watch {
         if is_written_once(&self.graph.graph) {
             return Err(Error::usage(WRITTEN_ONCE));
         }
+        let mut arguments = self.graph;
+        let capture = match self.serve && is_capture(&arguments.graph) {
+            true => Some(Capture::open(&arguments.graph)?),
+            false => None,
+        };
+        if let Some(capture) = &capture {
+            arguments.graph = capture.path();
+        }
         let engine = Arc::new(self.engine.open()?.keeping());
         let out = self.out.clone();
         let mut options = WatchOptions { out: self.out, poll: self.poll, ..WatchOptions::default() };
@@ -79,7 +95,7 @@ impl Watch {
         let page = match self.serve {
             true => {
                 let (handle, cache) = (watch.handle(), self.engine.cache.as_deref());
-                Some(LivePage::start(&engine, handle, &self.graph.graph, self.port, cache)?)
+                Some(LivePage::start(&engine, handle, &arguments.graph, self.port, cache, capture)?)
             }
             false => None,
         };
@@ -98,7 +114,7 @@ impl Watch {
                 false => terminal::print(&format!("live page: {}\n", page.url()))?,
             }
         }
-        let (mut graph, colour) = (self.graph, terminal::colours() && !self.json);
+        let (mut graph, colour) = (arguments, terminal::colours() && !self.json);
         let settings = graph.set.len();
         let mut last: Option<(Arc<Graph>, Vec<usize>)> = None;
         let load = |same_files: bool| {

@@ -92,7 +92,14 @@ fn edit(random: &mut Random, text: &str) -> Edit {
         }
         _ => Some(random.number()),
     };
-    Edit { digest: digest_of(text), node: node.to_owned(), field: field.to_owned(), at, value }
+    Edit {
+        digest: digest_of(text),
+        node: node.to_owned(),
+        field: field.to_owned(),
+        at,
+        value,
+        also: Vec::new(),
+    }
 }
 
 #[test]
@@ -116,7 +123,7 @@ fn ten_thousand_edits_and_their_undo_give_the_original_bytes() {
         let mut texts = vec![original.clone()];
         for _ in 0..60 {
             let edit = edit(&mut random, texts.last().unwrap());
-            match editor.set(&graph, &edit, false) {
+            match editor.set(&graph, &edit, &[]) {
                 Ok(()) => {
                     let (old, new) = (texts.last().unwrap().clone(), std::fs::read_to_string(&path).unwrap());
                     check(&old, &new, &edit);

@@ -73,7 +73,12 @@ impl Lab {
         let options = WatchOptions { out: folder.path().join("out"), ..WatchOptions::default() };
         let watch = Watch::new(options);
         let handle = watch.handle();
-        let options = Options { graph: path.clone(), port, folder: Some(folder.path().join("cache/pages")) };
+        let options = Options {
+            graph: path.clone(),
+            port,
+            folder: Some(folder.path().join("cache/pages")),
+            starter: None,
+        };
         let page = Arc::new(Page::start(engine.clone(), handle.clone(), options)?);
         let url = page.url();
         let (address, token) = url.strip_prefix("http://127.0.0.1:").unwrap().split_once("/#").unwrap();

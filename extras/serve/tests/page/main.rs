@@ -4,6 +4,7 @@
 mod edits;
 mod events;
 mod lab;
+mod place;
 mod round_trip;
 mod security;
 mod values;

@@ -53,6 +53,8 @@ fn without_the_cookie_nothing_private_is_given() {
     for path in [
         "/events",
         "/graph",
+        "/place",
+        "/splats/0",
         value.as_str(),
         &format!("{value}/0.png"),
         &format!("{value}/0.f32"),
@@ -74,7 +76,7 @@ fn without_the_cookie_nothing_private_is_given() {
     let good = format!(
         "Host: {host}\r\nOrigin: http://{host}\r\nX-Lightharmony: 1\r\nContent-Type: application/json\r\n"
     );
-    for path in ["/set", "/try", "/plan", "/undo", "/redo"] {
+    for path in ["/set", "/try", "/plan", "/undo", "/redo", "/ground"] {
         assert_eq!(post(&lab, path, &good, &edit(GRAPH)), 401, "{path}");
     }
     assert_eq!(lab.text(), GRAPH);
