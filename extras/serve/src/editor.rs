@@ -274,9 +274,7 @@ fn changed(graph: &Graph, node: &str, edit: &FieldEdit, text: &str) -> Result<St
     let steps: Vec<Step> = at.iter().map(At::step).collect();
     let change = match value {
         Some(value) if value.len() > MAX_VALUE => {
-            return Err(fixed(format!(
-                "a value has at most {MAX_VALUE} bytes; edit longer ones in the text"
-            )));
+            return Err(fixed(format!("the value is longer than {MAX_VALUE} bytes; edit it in the text")));
         }
         Some(value) => document.set(node, field, &steps, value)?,
         None if steps.is_empty() => document.unset(node, field)?,
