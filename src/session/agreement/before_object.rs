@@ -215,7 +215,7 @@ fn common(a: &Rig, b: &Rig) -> Vec<[usize; 2]> {
         let lens = [*fx, *fy, *cx, *cy].map(f64::to_bits);
         (*width_px, *height_px, lens, world_from_camera.map(f64::to_bits))
     };
-    // In reverse order, so that the first of equal cameras stays.
+    // In reverse order, so that the first of equal cameras is used.
     let mut left: BTreeMap<_, usize> =
         a.cameras.iter().enumerate().rev().map(|(index, camera)| (seen(camera), index)).collect();
     let of = |(index, camera): (usize, &Camera)| Some([left.remove(&seen(camera))?, index]);
