@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, missing_docs, reason = "a test may stop at the first surprise")]
 
 mod action;
+mod agreement;
 mod bytes;
 mod cache;
 mod incremental;

@@ -8,23 +8,22 @@ use nodes::kinds::load_splats::LoadSplats;
 use nodes::render::agreement::{Comparison, Finding, Likely, Moved, Regions};
 use nodes::types::frame::{Similarity, world_from_gltf};
 
-use super::pair::{self, Pair, above};
+use super::pair::{self, Pair, above, instance, written};
 
 /// The findings about a pair of splats and mesh, as text.
 pub fn texts(graph: &Graph, pair: &Pair, found: &Comparison) -> Vec<pair::Finding> {
-    let name = |node: usize| graph.nodes[node].id.as_str();
-    let (splats, mesh) = (name(pair.splats.node), name(pair.mesh.node));
+    let [splats, mesh] = [pair.splats, pair.mesh].map(|wire| instance(graph, wire.node));
     let percent = 100.0 * found.agreement;
     let text = |finding: Finding| match finding {
         Finding::Elsewhere => {
             let text = match &found.best {
                 Some(best) => format!(
-                    "the agreement of the splats `{splats}` and the mesh `{mesh}` is {:.0} %; {}",
+                    "the agreement of the splats {splats} and the mesh {mesh} is {:.0} %; {}",
                     100.0 * best.before,
                     moved(graph, pair, best)
                 ),
                 None => format!(
-                    "the agreement of the depths of the splats `{splats}` and the mesh `{mesh}` is {percent:.0} %, measured \
+                    "the agreement of the depths of the splats {splats} and the mesh {mesh} is {percent:.0} %, measured \
                      at {} points in the views and around the object. No combination of scale, rotation, reflection and shift of the mesh was found that makes the depths agree: check that the splats and the mesh show the same place, or \
                      use `ExtractMesh` instead of the mesh",
                     found.points
@@ -36,7 +35,7 @@ pub fn texts(graph: &Graph, pair: &Pair, found: &Comparison) -> Vec<pair::Findin
         Finding::Cameras => return None,
         Finding::Debris => {
             let text = format!(
-                "parts of the mesh `{mesh}` float in front of the surfaces that the splats `{splats}` show. They cover {}. \
+                "parts of the mesh {mesh} float in front of the surfaces that the splats {splats} show. They cover {}. \
                  They cast shadows and may hide the object: remove them from the mesh, or use `ExtractMesh` instead of \
                  the mesh",
                 place(&found.debris)
@@ -45,7 +44,7 @@ pub fn texts(graph: &Graph, pair: &Pair, found: &Comparison) -> Vec<pair::Findin
         }
         Finding::Missing => {
             let text = format!(
-                "the mesh `{mesh}` lacks surfaces that the splats `{splats}` show. They cover {}. They receive no shadows \
+                "the mesh {mesh} lacks surfaces that the splats {splats} show. They cover {}. They receive no shadows \
                  and reflect no light: use a mesh that has them, or use `ExtractMesh` instead of the mesh",
                 place(&found.missing)
             );
@@ -94,11 +93,11 @@ fn moved(graph: &Graph, pair: &Pair, best: &Moved) -> String {
         Similarity::of_rows(&world_from_gltf(scene.up, scene.metres_per_unit).transpose().to_cols_array());
     let advice = match (loader, known) {
         (Some(node), Some((None, MeshFrame::World))) if of_gltf.as_ref().is_ok_and(|m| near(m, &by)) => {
-            format!("set `frame: Gltf` on `{}`", graph.nodes[node].id)
+            format!("set `frame: Gltf` on `{}`", written(graph, node))
         }
         (Some(node), Some((matrix, _))) => {
             let before = Similarity::of_parameter(matrix.as_ref()).unwrap_or(Similarity::IDENTITY);
-            format!("set `matrix: {}` on `{}`", rows(&by.after(&before)), graph.nodes[node].id)
+            format!("set `matrix: {}` on `{}`", rows(&by.after(&before)), written(graph, node))
         }
         _ => format!("transform the {what} by the matrix {}", rows(&by)),
     };

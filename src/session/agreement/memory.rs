@@ -1,6 +1,6 @@
 //! Remembers the findings of comparisons from one run to the next, in the cache.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::Write as _;
 use std::path::Path;
 
@@ -8,14 +8,18 @@ use cache::FileStamp;
 use engine::{Digest, DigestWriter, Event, Graph, Source, SourceRoot, State, Store, Wire};
 use serde::{Deserialize, Serialize};
 
-use super::pair::Finding;
+use super::pair::{DigestOf, Finding, spread};
 
 /// Format of the stored findings. Its number is raised when the layout or a comparison changes.
-const FORMAT: &str = "lightharmony agreement 1";
+const FORMAT: &str = "lightharmony agreement 2";
 /// Maximum number of comparisons whose findings are kept for each graph. The oldest are dropped.
-const MOST_KEPT: usize = 32;
+const MOST_KEPT: usize = 4096;
+/// Maximum number of comparisons of one kind that later runs complete. With more, the findings of a run could drop
+/// out of the memory before all are known.
+const MOST_COMPLETED: usize = MOST_KEPT / 4;
 /// The ids of findings, since stored ids are text.
-const IDS: [&str; 4] = ["mesh-elsewhere", "mesh-debris", "mesh-incomplete", "splats-before-object"];
+const IDS: [&str; 5] =
+    ["mesh-elsewhere", "mesh-debris", "mesh-incomplete", "splats-before-object", "agreement-unchecked"];
 
 /// The nodes whose results a run computed or found in the cache, with their keys.
 #[derive(Debug, Default)]
@@ -33,6 +37,11 @@ impl Done {
         if let (State::Ran | State::Cached, Some(key)) = (state, key) {
             self.keys.insert(id.clone(), *key);
         }
+    }
+
+    /// Key of a node. `None` if this run has no result of the node.
+    pub fn key(&self, graph: &Graph, node: usize) -> Option<&Digest> {
+        self.keys.get(graph.nodes[node].id.as_str())
     }
 
     /// Digest of all nodes and keys, for a text of a graph.
@@ -70,13 +79,18 @@ impl Key {
         self.bytes(text.as_bytes());
     }
 
-    /// Adds the node and the output that a wire comes from. `None` if the run has no result of the node.
-    pub fn output(&mut self, graph: &Graph, wire: Wire, done: &Done) -> Option<()> {
-        let id = &graph.nodes[wire.node].id;
-        let key = done.keys.get(id.as_str())?;
-        self.text(id);
-        self.bytes(&(wire.port as u64).to_le_bytes());
+    /// Adds a node: its name and its key, which depends on its parameters and inputs. `None` if the run has no
+    /// result of the node.
+    pub fn node(&mut self, graph: &Graph, node: usize, done: &Done) -> Option<()> {
+        let key = done.key(graph, node)?;
+        self.text(&graph.nodes[node].id);
         self.bytes(key.as_bytes());
+        Some(())
+    }
+
+    /// Adds the value of an output. `None` if the run has no such value.
+    pub fn value(&mut self, wire: Wire, digest: DigestOf<'_>) -> Option<()> {
+        self.bytes(digest(wire)?.as_bytes());
         Some(())
     }
 
@@ -103,7 +117,8 @@ pub struct Memory {
     stored: Stored,
     /// True if the stored bytes are out of date.
     is_new: bool,
-    /// True if the findings of a comparison are not known, since a value is not in the cache.
+    /// True if the findings of a comparison are not known, since a value is not in the cache, or since the run made
+    /// the maximum number of comparisons.
     is_incomplete: bool,
 }
 
@@ -152,6 +167,31 @@ impl Memory {
                 Vec::new()
             }
         }
+    }
+
+    /// The findings of the comparisons with these keys: those that are remembered, and those of at most `most` other
+    /// comparisons, spread evenly over the list. `compare` makes the comparison with the given index. An element is
+    /// `None` if its comparison was not made because of `most`.
+    pub fn each(
+        &mut self,
+        keys: &[Digest],
+        most: usize,
+        mut compare: impl FnMut(usize) -> Option<Vec<Finding>>,
+    ) -> Vec<Option<Vec<Finding>>> {
+        let unknown: Vec<usize> = (0..keys.len()).filter(|&index| self.get(&keys[index]).is_none()).collect();
+        let made: BTreeSet<usize> = spread(unknown.len(), most).into_iter().map(|at| unknown[at]).collect();
+        // The next run makes further comparisons, even if nothing changes.
+        self.is_incomplete |= made.len() < unknown.len() && keys.len() <= MOST_COMPLETED;
+        let mut found: Vec<Option<Vec<Finding>>> = keys.iter().map(|key| self.get(key)).collect();
+        for index in made {
+            found[index] = Some(self.remembered(keys[index], || compare(index)));
+        }
+        found
+    }
+
+    /// Notes that the findings of a comparison are not known, since a value is not in the cache.
+    pub fn set_incomplete(&mut self) {
+        self.is_incomplete = true;
     }
 
     /// The findings of a run that changed nothing. `None` if they are not known.
@@ -245,6 +285,34 @@ mod tests {
         assert_eq!(memory.of_unchanged(&source, &of(State::Cached, b"a")), Some(found));
         assert_eq!(memory.of_unchanged(&source, &of(State::Cached, b"b")), None);
         assert_eq!(memory.of_unchanged(&Source::new("graph.ron", "two"), &of(State::Cached, b"a")), None);
+    }
+
+    /// A run makes a limited number of new comparisons, and the next runs make the others. This test fails if
+    /// remembered comparisons count.
+    #[test]
+    fn new_comparisons_are_limited() {
+        let folder = tempfile::tempdir().unwrap_or_else(|e| panic!("{e}"));
+        let store = Store::open(folder.path(), cache::Options::default()).unwrap_or_else(|e| panic!("{e}"));
+        let (source, root) = (Source::new("graph.ron", "one"), SourceRoot::new(folder.path()));
+        let keys: Vec<Digest> = (0..6_u8).map(|i| Digest::of(&[i])).collect();
+        for wanted in [[0, 3, 5].as_slice(), &[1, 2, 4], &[]] {
+            let mut memory = Memory::of_store(&store, &source, &root);
+            let mut compared = Vec::new();
+            let found = memory.each(&keys, 3, |index| {
+                compared.push(index);
+                Some(vec![("mesh-debris", index.to_string())])
+            });
+            assert_eq!(compared, wanted);
+            let known = found.iter().flatten().count();
+            assert_eq!(
+                (known, memory.is_incomplete),
+                if wanted == [0, 3, 5] { (3, true) } else { (6, false) }
+            );
+            for (index, found) in found.iter().enumerate() {
+                assert!(found.as_ref().is_none_or(|found| found[0].1 == index.to_string()));
+            }
+            memory.keep(&store, &source, &Done::default(), &[]);
+        }
     }
 
     /// A node that failed has no result.

@@ -4,64 +4,101 @@ mod advice;
 mod before_object;
 mod memory;
 mod pair;
+mod values;
 
-use engine::{Digest, Engine, Graph, Scene, Wire};
+use std::collections::BTreeSet;
+
+use engine::{Digest, Engine, Graph, Scene};
 use glam::DVec3;
 use nodes::geometry::support::corners;
 use nodes::math::equirect::axes;
 use nodes::render::agreement::{CapturedPlace, Comparison, compare};
 use nodes::types::{Mesh, Placed, Rig, Splats};
 
-use super::wires;
 use memory::Key;
 pub use memory::{Done, Memory};
 pub use pair::Finding;
-use pair::{Pair, above, of_kind};
+use pair::{DigestOf, Pair, above, pairs, spread};
+use values::Values;
 
-/// Maximum number of pairs of splats and mesh that are compared. This bounds the time of the check.
-const MOST_PLACES: usize = 2;
-/// Maximum number of rigs, and of objects, that are considered for each pair.
-const MOST_INPUTS: usize = 3;
+/// Maximum number of pairs of splats and mesh that a run compares, in addition to those that it remembers. This bounds
+/// the time of the check.
+const MOST_PLACES: usize = 8;
+/// Maximum number of rigs that are considered for each pair. The comparison uses three views.
+const MOST_RIGS: usize = 3;
+/// Maximum number of objects that are considered for each pair.
+const MOST_OBJECTS: usize = 2;
 /// Kinds that make the mesh of a place from its splats. Such a mesh is always in the frame of the splats.
 const MADE_OF_SPLATS: [&str; 2] = ["extract-mesh", "plane"];
 
-/// Checks the pairs of splats and mesh of a graph. `done` has the keys of the nodes whose results this run computed
-/// or found in the cache; other pairs are skipped. The findings of each comparison are remembered with the keys of
-/// its nodes, so that each run reports them and only a change leads to a new comparison.
+/// Compares the splats and the meshes that took part in a run. `done` has the keys of the nodes whose results this run
+/// computed or found in the cache; only their values are compared. The findings of each comparison are remembered with
+/// the values that it depends on, so that each run reports them and only a change leads to a new comparison.
 pub fn findings(engine: &Engine, graph: &Graph, done: &Done, memory: &mut Memory) -> Vec<Finding> {
-    let mut found = Vec::new();
-    let compared = pairs(graph).into_iter().filter(|pair| !is_made_of_splats(graph, pair.mesh.node));
-    let keyed = compared.filter_map(|pair| Some((key(graph, &pair, done)?, pair)));
-    for (key, pair) in keyed.take(MOST_PLACES) {
-        let compare = || {
-            let comparison = of_pair(engine, graph, &pair)?;
-            Some(comparison.map_or_else(Vec::new, |found| advice::texts(graph, &pair, &found)))
-        };
-        found.extend(memory.remembered(key, compare));
+    let values = Values::new(engine, graph, done);
+    let digest: DigestOf<'_> = &|wire| values.digest(wire);
+    let mut pairs = pairs(graph, digest);
+    pairs.retain(|pair| !is_made_of_splats(graph, pair.mesh.node));
+    pairs.iter_mut().for_each(Pair::limit);
+    let keyed = pairs.into_iter().filter_map(|pair| Some((key(graph, &pair, done, digest)?, pair)));
+    let (keys, pairs): (Vec<Digest>, Vec<Pair>) = keyed.unzip();
+    let compared = memory.each(&keys, MOST_PLACES, |index| {
+        let pair = &pairs[index];
+        let comparison = of_pair(engine, graph, pair)?;
+        Some(comparison.map_or_else(Vec::new, |found| advice::texts(graph, pair, &found)))
+    });
+    let (mut found, mut wrong, mut left) = (Vec::new(), BTreeSet::new(), 0);
+    for (pair, of_pair) in pairs.iter().zip(compared) {
+        match of_pair {
+            Some(of_pair) => {
+                if !of_pair.is_empty() {
+                    wrong.extend(digest(pair.mesh));
+                }
+                found.extend(of_pair);
+            }
+            None => left += 1,
+        }
     }
-    if found.is_empty() {
-        found = before_object::findings(engine, graph, done, memory);
+    if left > 0 {
+        found.push((
+            "agreement-unchecked",
+            format!(
+                "{left} of {} pairs of splats and mesh were not compared, since a run compares at most {MOST_PLACES} new \
+                 pairs. Run a part of the graph with `--frames` or `--only` to compare others",
+                pairs.len()
+            ),
+        ));
+    }
+    found.extend(before_object::findings((engine, graph), done, (digest, &wrong), memory));
+    if values.lacks_records() {
+        memory.set_incomplete();
     }
     found
 }
 
-/// Digest of everything that the findings about a pair depend on. `None` if the run has no result of its splats, its
-/// mesh or one of its rigs.
-fn key(graph: &Graph, pair: &Pair, done: &Done) -> Option<Digest> {
+impl Pair {
+    /// Leaves out rigs and objects above the maximum numbers. The remaining ones are spread evenly.
+    fn limit(&mut self) {
+        for (list, most) in [(&mut self.rigs, MOST_RIGS), (&mut self.objects, MOST_OBJECTS)] {
+            *list = spread(list.len(), most).into_iter().map(|index| list[index]).collect();
+        }
+    }
+}
+
+/// Digest of everything that the findings about a pair depend on. `None` if the run lacks a value of the pair.
+fn key(graph: &Graph, pair: &Pair, done: &Done, digest: DigestOf<'_>) -> Option<Digest> {
     let mut key = Key::new("pair");
     let Scene { up, metres_per_unit, .. } = graph.scene;
     key.text(up.name());
     key.bytes(&metres_per_unit.to_le_bytes());
     for (wire, input) in [(pair.splats, "splats"), (pair.mesh, "mesh")] {
-        key.output(graph, wire, done)?;
-        // The text names the loader.
-        above(graph, wire.node, input).for_each(|node| key.text(&graph.nodes[node].id));
+        key.value(wire, digest)?;
+        // The text names these nodes, and its advice depends on the parameters of the loader.
+        above(graph, wire.node, input).try_for_each(|node| key.node(graph, node, done))?;
     }
-    pair.rigs.iter().try_for_each(|&rig| key.output(graph, rig, done))?;
-    key.text("objects");
-    for &object in &pair.objects {
-        // An object whose node failed is left out of the comparison.
-        let _ = key.output(graph, object, done);
+    for (what, list) in [("rigs", &pair.rigs), ("objects", &pair.objects)] {
+        key.text(what);
+        list.iter().try_for_each(|&wire| key.value(wire, digest))?;
     }
     Some(key.digest())
 }
@@ -69,35 +106,6 @@ fn key(graph: &Graph, pair: &Pair, done: &Done) -> Option<Digest> {
 /// True if a mesh is made from splats.
 fn is_made_of_splats(graph: &Graph, mesh: usize) -> bool {
     above(graph, mesh, "mesh").any(|node| MADE_OF_SPLATS.contains(&graph.nodes[node].kind.name))
-}
-
-/// Pairs of splats and a receiver that are rendered with the same cameras. Each pair is listed once.
-fn pairs(graph: &Graph) -> Vec<Pair> {
-    let mut pairs: Vec<Pair> = Vec::new();
-    for trace in of_kind(graph, "path-trace") {
-        let rig = wires(graph, trace, "rig");
-        let (Some(&mesh), Some(&camera)) = (wires(graph, trace, "receiver").first(), rig.first()) else {
-            continue;
-        };
-        for render in of_kind(graph, "splat-render").filter(|&node| wires(graph, node, "rig") == rig) {
-            let Some(&splats) = wires(graph, render, "splats").first() else { continue };
-            let known = pairs.iter().position(|pair| pair.splats == splats && pair.mesh == mesh);
-            let index = known.unwrap_or_else(|| {
-                pairs.push(Pair { splats, mesh, rigs: Vec::new(), objects: Vec::new() });
-                pairs.len() - 1
-            });
-            let pair = &mut pairs[index];
-            let mut add = |to: fn(&mut Pair) -> &mut Vec<Wire>, wire: Wire| {
-                let list = to(pair);
-                if list.len() < MOST_INPUTS && !list.contains(&wire) {
-                    list.push(wire);
-                }
-            };
-            add(|pair| &mut pair.rigs, camera);
-            wires(graph, trace, "objects").iter().for_each(|&object| add(|pair| &mut pair.objects, object));
-        }
-    }
-    pairs
 }
 
 /// Compares splats and mesh in the views of the cameras and around the objects. Returns `None` if a value is not in
