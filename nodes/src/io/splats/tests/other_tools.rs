@@ -357,6 +357,19 @@ fn pictures_of_sog_that_are_something_else_are_named() {
     assert!(read(&build::zip("", &files, false)).unwrap().0 == wanted);
 }
 
+/// Files of meshes are named, although their numbers could be those of a `.splat` file.
+#[test]
+fn formats_of_meshes_are_named() {
+    let fbx = [&b"Kaydara FBX Binary  \0\x1a\0"[..], &[0_u8; 77][..]].concat();
+    let blender = [&b"BLENDER-v300"[..], &[0_u8; 84][..]].concat();
+    for (bytes, says) in
+        [(&fbx[..], "FBX"), (&blender[..], "Blender"), (b"solid a\n facet normal 0 0 1\n", "STL")]
+    {
+        let error = read(bytes).err().unwrap();
+        assert!(error.message().contains(says) && error.message().contains("without splats"), "{error}");
+    }
+}
+
 #[test]
 fn pointers_of_git_lfs_are_named() {
     let text = b"version https://git-lfs.github.com/spec/v1\noid sha256:4d7a214614ab2935c943f9e0ff69d22e\nsize 12345\n";
