@@ -380,7 +380,7 @@ mod tests {
         assert!(reported(&wide));
         let radiance = |more: &str| {
             let head = format!("#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n{more}\n-Y 1 +X 1\n");
-            reported(&[head.as_bytes(), &[128, 128, 128, 129]].concat())
+            reported(&[head.as_bytes(), &[128, 128, 128, 129][..]].concat())
         };
         assert_eq!(["", "PIXASPECT=1\n", "PIXASPECT= 0.5\n"].map(radiance), [false, false, true]);
     }

@@ -433,7 +433,7 @@ pub(crate) mod tests {
             let chunk = [&length[..], b"eXIf", exif, &crc.sum().to_be_bytes()].concat();
             // The header ends after 33 bytes, and the end chunk has 12.
             let at = if after { plain.len() - 12 } else { 33 };
-            read("a.png", &[&plain[..at], &chunk, &plain[at..]].concat()).expect("reads").ignored
+            read("a.png", &[&plain[..at], &chunk[..], &plain[at..]].concat()).expect("reads").ignored
         };
         let reported = ["an orientation other than upright (EXIF)"];
         for after in [false, true] {
@@ -441,7 +441,7 @@ pub(crate) mod tests {
             for value in 2..=8 {
                 assert_eq!(of(&exif(value), after), reported);
             }
-            assert_eq!(of(&[b"Exif\0\0", &exif(6)[..]].concat(), after), reported);
+            assert_eq!(of(&[&b"Exif\0\0"[..], &exif(6)[..]].concat(), after), reported);
             assert!(of(b"MM\0*", after).is_empty());
         }
     }
