@@ -28,7 +28,7 @@ use crate::types::{Camera, Rig};
 use count::CAMERA_LIMIT;
 use dataparser::Dataparser;
 use distortion::{Bend, INVISIBLE_PX};
-use files::{existing, files, is_gltf, is_json, json_file, size_of, with_pictures};
+use files::{existing, files, is_gltf, json_file, size_of, with_pictures};
 use json::Origin;
 
 pub use crate::types::pick::Pick;

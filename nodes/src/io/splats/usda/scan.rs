@@ -354,8 +354,8 @@ mod tests {
     fn settings_are_read_outside_of_strings_only() {
         let text = "(\n \"a note\"\n doc = \"\"\"\n upAxis = \"Y\"\n\"\"\"\n metersPerUnit = 1 # metre\n\
             upAxis = 'Z'; prepend references = @./a.usda@</S> (offset = 2)\n customData = { int upAxis = 3 }\n) rest";
-        let mut scan = scan(text);
-        let found = scan.settings().unwrap();
+        let mut reader = scan(text);
+        let found = reader.settings().unwrap();
         let found: Vec<_> = found.iter().map(|one| (one.words.join(" "), one.plain())).collect();
         let wanted = [
             ("doc", "\n upAxis = \"Y\"\n"),
@@ -365,10 +365,10 @@ mod tests {
             ("customData", "{ int upAxis = 3 }"),
         ];
         assert_eq!(found, wanted.map(|(words, value)| (words.to_owned(), value)));
-        assert_eq!(scan.rest(), " rest");
-        assert_eq!(super::tests::scan("{").settings().unwrap(), []);
-        assert!(super::tests::scan("(a = )").settings().is_err());
-        assert!(super::tests::scan("(a").settings().is_err());
+        assert_eq!(reader.rest(), " rest");
+        assert_eq!(scan("{").settings().unwrap(), []);
+        assert!(scan("(a = )").settings().is_err());
+        assert!(scan("(a").settings().is_err());
     }
 
     #[test]
