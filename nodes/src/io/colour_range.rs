@@ -11,9 +11,6 @@ pub struct Range {
     pub guessed: bool,
 }
 
-/// Minimum fraction of the numbers that must exceed [`SLACK`] for floats to be interpreted as colours from 0 to
-/// 255. A single wrong number thus has no effect.
-const SHARE: f64 = 0.01;
 /// Maximum value of colours from 0 to 1, with a margin for rounding.
 const SLACK: f64 = 1.5;
 /// Maximum value of colours from 0 to 255, with a margin for rounding.
@@ -25,8 +22,7 @@ impl Range {
 
     /// Determines the range of colours of the type `scalar`. For integers of 8 and 16 bits, white is the largest
     /// number of the type. Integers of 32 bits are assumed to hold 8-bit codes, since some programs write all
-    /// integers with one type. For floats, white is 1, or 255 if at least a hundredth of the numbers exceed 1.5 and
-    /// none exceeds 255.5.
+    /// integers with one type. For floats, see [`of_floats`](Self::of_floats).
     pub fn of<I: Iterator<Item = f64>>(scalar: Scalar, numbers: impl FnOnce() -> I) -> Self {
         match scalar {
             Scalar::I32 | Scalar::U32 => Self { white: 255.0, guessed: false },
@@ -35,15 +31,17 @@ impl Range {
         }
     }
 
-    /// The range of floats, inferred from their values.
+    /// The range of floats, inferred from their values: white is 1, or 255 if at least half of the numbers above 0
+    /// exceed 1.5 and no number exceeds 255.5. Of codes from 0 to 255 nearly all numbers above 0 exceed 1.5. Of
+    /// colours from 0 to 1 only lights or wrong numbers do, which are few.
     pub fn of_floats(numbers: impl Iterator<Item = f64>) -> Self {
         let (mut count, mut above, mut most) = (0_u64, 0_u64, 0.0_f64);
-        for number in numbers.filter(|number| number.is_finite()) {
+        for number in numbers.filter(|number| number.is_finite() && *number > 0.0) {
             count += 1;
             above += u64::from(number > SLACK);
             most = most.max(number);
         }
-        let bytes = above > 0 && above as f64 >= SHARE * count as f64 && most <= BYTE;
+        let bytes = above > 0 && above >= count - above && most <= BYTE;
         Self { white: if bytes { 255.0 } else { 1.0 }, guessed: bytes }
     }
 
@@ -74,6 +72,10 @@ mod tests {
         let mut one = vec![0.5; 1000];
         one[3] = 200.0;
         assert_eq!(of(&one), 1.0, "a stray number");
+        // One of four vertices is a light.
+        let lit = [0.1, 0.2, 0.3, 0.5, 0.4, 0.3, 0.2, 0.2, 0.1, 3.5, 3.5, 3.5];
+        assert_eq!(of(&lit), 1.0, "a few lights");
+        assert_eq!(of(&[255.0, 0.0, 0.0, 0.0, 0.0, 255.0, 0.0, 0.0, -1.0]), 255.0, "pure colours");
         let none = || std::iter::empty();
         assert_eq!(Range::of(Scalar::U8, none).white, 255.0);
         assert_eq!(Range::of(Scalar::U16, none).white, 65_535.0);

@@ -15,6 +15,8 @@ pub struct Radiance {
     pub rgb: Vec<f32>,
     /// The chromaticities: x and y of red, green, blue and white; `None` if the file has none.
     pub primaries: Option<[[f32; 2]; 4]>,
+    /// Height of a pixel divided by its width (`PIXASPECT`).
+    pub pixel_aspect: f64,
     /// Lines of the header that are unknown and ignored.
     pub ignored: Vec<String>,
 }
@@ -79,7 +81,7 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Radi
     }
     // Factor of each channel that the file was multiplied by.
     let (mut rest, mut scale) = (bytes, [1.0_f64; 3]);
-    let (mut primaries, mut ignored) = (None, Vec::new());
+    let (mut primaries, mut ignored, mut pixel_aspect) = (None, Vec::new(), 1.0_f64);
     let line = |rest: &mut &[u8]| -> Result<String, Error> {
         let end = rest
             .iter()
@@ -110,6 +112,13 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Radi
                 ignored.push(text.clone());
             } else {
                 scale = scale.map(|scale| scale * value);
+            }
+        }
+        if key == "PIXASPECT" {
+            // Several lines multiply.
+            match value.parse::<f64>() {
+                Ok(value) => pixel_aspect *= value,
+                Err(_) => ignored.push(text.clone()),
             }
         }
         if key == "PRIMARIES" {
@@ -171,7 +180,7 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Radi
             }
         }
     }
-    Ok(Radiance { width, height, rgb, primaries, ignored })
+    Ok(Radiance { width, height, rgb, primaries, pixel_aspect, ignored })
 }
 
 /// The value of a texel, computed as in OpenImageIO and OpenCV. (Radiance's own reader adds half a unit to each

@@ -11,6 +11,13 @@ use super::progress::{Progress, TrackedReader, TrackedWriter};
 use super::source_colour::SourceColour;
 use crate::error::Error;
 
+/// Text about the orientation that EXIF data state; `None` if it is upright or not stated.
+pub(super) fn other_orientation(exif: &[u8]) -> Option<String> {
+    let exif = exif.strip_prefix(b"Exif\0\0").unwrap_or(exif);
+    let turned = Orientation::from_exif_chunk(exif).is_some_and(|turn| turn != Orientation::NoTransforms);
+    turned.then(|| "an orientation other than upright (EXIF)".to_owned())
+}
+
 /// Reads a JPEG as RGB codes. The channels of grey pictures are equal.
 pub fn read(file: &str, bytes: &[u8]) -> Result<Raster, Error> {
     read_for(file, bytes, Progress::UNTRACKED)
@@ -47,12 +54,9 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Rast
     }
     let mut codes = Vec::with_capacity(raw.len());
     progress.over(&raw, |raw| codes.extend(raw.iter().map(|&code| u16::from(code))))?;
-    let turned = decoder.exif().and_then(|exif| Orientation::from_exif_chunk(exif));
     let meaning = decoder.icc_profile().map(|profile| icc::meaning(&profile)).unwrap_or_default();
     let mut ignored = Vec::from_iter(meaning.ignored);
-    if turned.is_some_and(|turn| turn != Orientation::NoTransforms) {
-        ignored.push("an orientation other than upright (EXIF)".to_owned());
-    }
+    ignored.extend(decoder.exif().and_then(|exif| other_orientation(exif)));
     Ok(Raster {
         width,
         height,

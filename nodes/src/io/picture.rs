@@ -131,6 +131,7 @@ pub(crate) fn decode(
                     format!("the line `{line}` of the header is not understood and is ignored"),
                 );
             }
+            report_pixels(1.0 / picture.pixel_aspect, notes);
             let colour = stated(picture.primaries, encoding, notes);
             Decoded { size: (picture.width, picture.height, 3), samples: picture.rgb, colour, linear: true }
         }
@@ -231,6 +232,15 @@ fn stated(xy: Option<[[f32; 2]; 4]>, encoding: FileEncoding, notes: &mut Notes) 
     colour
 }
 
+/// Warns about pixels that are not square. `aspect` is the width of a pixel divided by its height.
+fn report_pixels(aspect: f64, notes: &mut Notes) {
+    if aspect.is_nan() || (aspect - 1.0).abs() >= 1e-3 {
+        let text =
+            format!("the pixels of the file are not square (width / height: {aspect}); this is ignored");
+        notes.warning("pixel-aspect-ignored", text);
+    }
+}
+
 /// Adds notes about parts of an EXR file that are ignored.
 fn report_choice(file: &exr::Opened<'_>, by_default: bool, notes: &mut Notes) {
     if file.parts() > 1 && by_default {
@@ -244,6 +254,7 @@ fn report_choice(file: &exr::Opened<'_>, by_default: bool, notes: &mut Notes) {
             ),
         );
     }
+    report_pixels(f64::from(file.pixel_aspect()), notes);
     if file.cropped() {
         notes.decision(
             "data-window",
@@ -344,6 +355,34 @@ mod tests {
         let width = codes.len() / channels;
         let raster = Raster { width, height: 1, channels, largest, codes, ignored: Vec::new(), colour: None };
         png::write(&raster, false, &[]).unwrap_or_else(|e| panic!("{e}"))
+    }
+
+    /// Pixels of an OpenEXR file that are not square are reported.
+    #[test]
+    fn pixels_that_are_not_square_are_reported() {
+        let plane = |name: &str| {
+            let samples = vec![0.5];
+            (exr::Channel { name: name.into(), samples }, exr::Depth::Float)
+        };
+        let channels = ["R", "G", "B"].map(plane).into_iter().collect();
+        let (bytes, _) = exr::write(1, 1, channels, "", None).unwrap_or_else(|e| panic!("{e}"));
+        let reported = |bytes: &[u8]| {
+            let (_, notes) = load(bytes, FileEncoding::Auto, "");
+            notes.iter().any(|note| note.id == "pixel-aspect-ignored")
+        };
+        assert!(!reported(&bytes));
+        // The name of the attribute, its type and its length, then the number.
+        let name = b"pixelAspectRatio\0float\0\x04\0\0\0";
+        let at = bytes.windows(name.len()).position(|window| window == name).map(|at| at + name.len());
+        let mut wide = bytes.clone();
+        let place = at.and_then(|at| wide.get_mut(at..at + 4)).expect("has the attribute");
+        place.copy_from_slice(&2.0_f32.to_le_bytes());
+        assert!(reported(&wide));
+        let radiance = |more: &str| {
+            let head = format!("#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n{more}\n-Y 1 +X 1\n");
+            reported(&[head.as_bytes(), &[128, 128, 128, 129][..]].concat())
+        };
+        assert_eq!(["", "PIXASPECT=1\n", "PIXASPECT= 0.5\n"].map(radiance), [false, false, true]);
     }
 
     /// PNGs of 8 and 16 bits, grey and with alpha, are decoded to premultiplied colour or, if the encoding says so,

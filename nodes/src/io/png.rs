@@ -6,12 +6,12 @@ use flate2::read::ZlibDecoder;
 use png::{BitDepth, CodingIndependentCodePoints, ColorType, Decoder, Encoder, Limits, Transformations};
 
 use super::exr::differ_from_srgb;
-use super::icc;
 pub use super::png_pack::Packing;
 use super::png_pack::pack;
 use super::progress::{Progress, TrackedReader};
 pub use super::raster::Raster;
 use super::source_colour::SourceColour;
+use super::{icc, jpeg};
 use crate::error::Error;
 use crate::math::color::space::Space;
 
@@ -78,6 +78,7 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Rast
             colour = chromaticities(info, &mut ignored);
         }
     }
+    ignored.extend(chunk(bytes, *b"eXIf").and_then(jpeg::other_orientation));
     if info.animation_control.is_some() {
         ignored.push("animation frames after the first".to_owned());
     }
@@ -149,6 +150,20 @@ fn chromaticities(info: &png::Info<'_>, ignored: &mut Vec<String>) -> Option<Sou
         ignored.push("chromaticities other than those of sRGB".to_owned());
     }
     colour
+}
+
+/// Data of the first chunk of a type, which may lie before or after the picture; `None` if there is no such chunk.
+fn chunk(bytes: &[u8], kind: [u8; 4]) -> Option<&[u8]> {
+    let mut rest = bytes.get(8..)?;
+    loop {
+        let length = u32::from_be_bytes(*rest.first_chunk()?) as usize;
+        let data = rest.get(8..)?.get(..length)?;
+        if rest.get(4..8)? == kind {
+            return Some(data);
+        }
+        // Length, type and check sum.
+        rest = rest.get(length + 12..)?;
+    }
 }
 
 /// The meaning of the colour profile of a PNG; `None` if it has no profile. Inflates at most [`icc::LARGEST`]
@@ -398,6 +413,37 @@ pub(crate) mod tests {
             (profile.codes, profile.ignored),
             (codes(&ramp), vec!["an ICC profile that cannot be read".to_owned()])
         );
+    }
+
+    /// The orientation of EXIF data is reported, before and after the picture; upright is not.
+    #[test]
+    fn orientations_of_png_are_reported() {
+        // Big endian; one entry: tag 0x112, a short, one value.
+        let exif = |value: u8| {
+            let mut exif = b"MM\0*\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0".to_vec();
+            exif.extend([value, 0, 0, 0, 0, 0, 0]);
+            exif
+        };
+        let plain = write(&raster(3, 255), true, &[]).unwrap_or_else(|e| panic!("{e}"));
+        let of = |exif: &[u8], after: bool| {
+            let mut crc = flate2::Crc::new();
+            crc.update(b"eXIf");
+            crc.update(exif);
+            let length = (exif.len() as u32).to_be_bytes();
+            let chunk = [&length[..], b"eXIf", exif, &crc.sum().to_be_bytes()].concat();
+            // The header ends after 33 bytes, and the end chunk has 12.
+            let at = if after { plain.len() - 12 } else { 33 };
+            read("a.png", &[&plain[..at], &chunk[..], &plain[at..]].concat()).expect("reads").ignored
+        };
+        let reported = ["an orientation other than upright (EXIF)"];
+        for after in [false, true] {
+            assert!(of(&exif(1), after).is_empty());
+            for value in 2..=8 {
+                assert_eq!(of(&exif(value), after), reported);
+            }
+            assert_eq!(of(&[&b"Exif\0\0"[..], &exif(6)[..]].concat(), after), reported);
+            assert!(of(b"MM\0*", after).is_empty());
+        }
     }
 
     /// A PNG of 4 by 4 grey pixels with a profile.

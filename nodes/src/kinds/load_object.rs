@@ -45,7 +45,7 @@ engine::outputs! {
 
 impl Kind for LoadObject {
     const NAME: &'static str = "load-object";
-    const VERSION: u32 = 6;
+    const VERSION: u32 = 7;
     const STORE: Keep = Keep::Cheap;
     type Params = Self;
     type In = In;

@@ -74,7 +74,7 @@ engine::outputs! {
 
 impl Kind for LoadSplats {
     const NAME: &'static str = "load-splats";
-    const VERSION: u32 = 5;
+    const VERSION: u32 = 6;
     const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
     const STORE: Keep = Keep::Cheap;
     const FOLDERS: bool = true;

@@ -12,7 +12,8 @@ use crate::terminal;
 
 /// Reads a graph and reports every mistake in it.
 ///
-/// Of the files that loaders read, it reads only the headers.
+/// Of the files that loaders read, it reads only the number of cameras, the sizes of pictures, and the lists of other
+/// files; a file that a loader refuses is reported by the run.
 #[derive(Debug, Args)]
 pub struct Check {
     #[command(flatten)]

@@ -19,8 +19,8 @@ use crate::terminal;
 /// Writes a scene of splats, or a mesh, in another format.
 #[derive(Debug, Args)]
 pub struct Convert {
-    /// A file or folder of splats (PLY, compressed PLY, SOG, SPZ, .splat, .ksplat, glTF), or a mesh (PLY, glTF,
-    /// GLB)
+    /// A file or folder of splats (PLY, compressed PLY, SOG, SPZ, .splat, .ksplat, glTF, .usda), or a mesh (PLY,
+    /// glTF, GLB, OBJ, STL)
     input: PathBuf,
     /// The file to write. Its extension selects the format: .ply (INRIA) or .spz for splats; .ply, .glb or .obj for
     /// a mesh

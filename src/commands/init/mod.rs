@@ -23,10 +23,10 @@ pub struct Init {
     /// The folder; created if it does not exist
     #[arg(default_value = ".")]
     folder: PathBuf,
-    /// The captured place: a file or folder of splats (PLY, SPZ, SOG, .splat, .ksplat, glTF)
+    /// The captured place: a file or folder of splats (PLY, SPZ, SOG, .splat, .ksplat, glTF, .usda)
     #[arg(long, requires = "object")]
     splats: Option<PathBuf>,
-    /// The object to insert: glTF or GLB
+    /// The object to insert: glTF, GLB, OBJ or STL
     #[arg(long, requires = "splats")]
     object: Option<PathBuf>,
     /// A mesh of the place, in the frame of the splats; by default, it is extracted from the splats

@@ -105,7 +105,10 @@ impl<'a> Run<'a> {
             return Err(NodeError::new(format!(
                 "the node needs about {needs} of memory{inputs}, but the budget is {budget}"
             ))
-            .hint("reduce the resolution or the number of views, or raise `--memory`"));
+            .hint(
+                "reduce the resolution, render the views one after the other (an axis `Cameras(..)` and `PickCameras`), or \
+                 raise `--memory`",
+            ));
         }
         self.slots[index].cost = Some(bytes);
         Ok(bytes)

@@ -7,21 +7,33 @@ pub(super) fn part_name(header: &Header) -> String {
     header.own_attributes.layer_name.as_ref().map_or_else(String::new, ToString::to_string)
 }
 
-/// True if a part has colour channels without a layer name, or a single grey channel.
-fn has_colours(header: &Header) -> bool {
-    let has = |name: &str| header.channels.list.iter().any(|channel| channel.name.eq(name));
-    let all = |names: [&str; 3]| names.into_iter().all(has);
-    all(["R", "G", "B"]) || all(["r", "g", "b"]) || has("Y")
+/// The layer of the colours of a part: an empty name for colour channels or a grey channel without a layer (not the Y
+/// of a vector), and the name of the part if the names of its channels begin with it, as some programs write them. `None` if the part has
+/// neither.
+fn colours(header: &Header) -> Option<String> {
+    let holds = |layer: &str| {
+        let prefix = if layer.is_empty() { String::new() } else { format!("{layer}.") };
+        let has = |letter: &str| {
+            let name = format!("{prefix}{letter}");
+            header.channels.list.iter().any(|channel| channel.name.eq(name.as_str()))
+        };
+        let all = |letters: [&str; 3]| letters.into_iter().all(has);
+        all(["R", "G", "B"]) || all(["r", "g", "b"]) || layer.is_empty() && has("Y") && !has("X")
+    };
+    let name = part_name(header);
+    [String::new(), name].into_iter().find(|layer| holds(layer))
 }
 
 /// The part of a file that contains a layer, and the name of the layer within the part. An empty name selects the
-/// first flat part with colours or, if no part has colours, the first flat part. Any other name is the name of a
+/// first flat part with colours, whose channels may carry the name of the part, or, if no part has colours, the first
+/// flat part. Any other name is the name of a
 /// layer in any part, the name of a part, or both, separated by a dot or a slash.
 pub fn choose_part<'a>(headers: &'a [Header], layer: &str) -> Option<(&'a Header, String)> {
     let flat = || headers.iter().filter(|header| !header.deep);
     let first = flat().next()?;
     if layer.is_empty() {
-        return Some((flat().find(|header| has_colours(header)).unwrap_or(first), String::new()));
+        let coloured = flat().find_map(|header| colours(header).map(|layer| (header, layer)));
+        return Some(coloured.unwrap_or((first, String::new())));
     }
     let holds = |header: &&Header, name: &str| {
         let channels = header.channels.list.iter().map(|channel| channel.name.to_string());
@@ -41,7 +53,7 @@ pub fn choose_part<'a>(headers: &'a [Header], layer: &str) -> Option<(&'a Header
             return Some((header, only.name.to_string()));
         }
         if rest.is_empty() {
-            return Some((header, String::new()));
+            return Some((header, colours(header).unwrap_or_default()));
         }
         if let Some(rest) = rest.strip_prefix(['.', '/'])
             && holds(&header, rest)

@@ -99,6 +99,11 @@ impl Opened<'_> {
         [i64::from(data.0) - i64::from(window.0), i64::from(data.1) - i64::from(window.1)]
     }
 
+    /// Width of a pixel divided by its height.
+    pub fn pixel_aspect(&self) -> f32 {
+        self.header().shared_attributes.pixel_aspect
+    }
+
     /// True if the data window differs from the display window.
     pub fn cropped(&self) -> bool {
         let size = self.header().layer_size;

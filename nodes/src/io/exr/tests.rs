@@ -196,6 +196,21 @@ fn colours_of_a_later_part_are_read_and_parts_can_be_named() {
     let layers: Vec<String> = open("a.exr", &bytes, "right").expect("opens").layers().into_iter().collect();
     let wanted = ["beauty.B", "beauty.G", "beauty.R", "depth.Z", "left.B", "left.G", "left.R", "light.key"];
     assert_eq!(layers, wanted);
+    // Channels that carry the name of their part.
+    let named = file(vec![
+        part("depth", &[("depth.Z", 9.0)]),
+        part("beauty", &[("beauty.R", 1.0), ("beauty.G", 2.0), ("beauty.B", 3.0)]),
+    ]);
+    let of_named = |layer: &str| {
+        let read = read_layer("a.exr", &named, layer, Progress::UNTRACKED).expect("reads");
+        (read.part, read.layer, read.channels[0].samples[0])
+    };
+    assert_eq!(of_named(""), is("beauty", "beauty", 3.0));
+    assert_eq!(of_named("beauty"), is("beauty", "beauty", 3.0));
+    // Colours of another layer are not chosen by default.
+    let other =
+        file(vec![part("depth", &[("Z", 9.0)]), part("a", &[("b.R", 1.0), ("b.G", 2.0), ("b.B", 3.0)])]);
+    assert_eq!(read("a.exr", &other).map(|read| read.part).expect("reads"), "depth");
     let grey = file(vec![part("id", &[("I", 1.0)]), part("plate", &[("Y", 4.0)])]);
     assert_eq!(read("a.exr", &grey).map(|read| read.part).expect("reads"), "plate");
     let none = file(vec![part("id", &[("I", 1.0)]), part("more", &[("J", 4.0)])]);

@@ -62,7 +62,7 @@ pub(super) fn materials(
     let diffuse = all().filter_map(|material| material.diffuse).flatten().map(f64::from);
     let range = Range::of_floats(diffuse);
     if range.guessed {
-        notes.decision("colour-range", format!("the colours `Kd` are assumed to range {}", range.words()));
+        notes.warning("colour-range", format!("the colours `Kd` are assumed to range {}", range.words()));
     }
     for (library, list) in &parsed {
         for material in list {

@@ -162,7 +162,11 @@ pub(super) fn load(
         });
         *white = 1.0 / range.white;
         let text = format!("`{file}` has display colours {}, which replace `f_dc_*`", range.words());
-        notes.decision("display-colours", text);
+        if range.guessed {
+            notes.warning("display-colours", text);
+        } else {
+            notes.decision("display-colours", text);
+        }
     }
     if layout.scale[2].is_none() {
         let text = format!("`{file}` has two scales per splat, as 2DGS writes them, so its splats are flat");

@@ -11,6 +11,7 @@ use super::streamed::{self, Ranges};
 use super::{ksplat, splat, spz, usda};
 use crate::error::Error;
 use crate::io::foreign::{BYTE_ORDER_MARK, JPEG_XL, is_text, json_text, refuse_foreign};
+use crate::io::mesh_format;
 
 /// Extensions of files that may contain splats.
 const ENDINGS: [&str; 8] = [".ply", ".spz", ".sog", ".json", ".glb", ".gltf", ".ksplat", ".splat"];
@@ -104,6 +105,11 @@ impl Format {
         }
         if ksplat::is_ksplat(bytes) {
             return Ok(Self::Ksplat);
+        }
+        // The first bytes of these formats could be numbers of a `.splat` file, too, but have not been seen there.
+        if let Some(format) = mesh_format::by_content(bytes) {
+            let what = format!("{format}, a format without splats; export a mesh or an object as glTF 2.0");
+            return Err(Error::unsupported(file, what));
         }
         if splat::is_splat(bytes) {
             return Ok(Self::Splat);

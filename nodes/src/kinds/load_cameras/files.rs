@@ -49,6 +49,19 @@ pub fn is_json(path: &InputFile) -> bool {
     path.0.to_lowercase().ends_with(".json")
 }
 
+/// The JSON file of cameras that a path stands for: the file itself, or a `transforms.json` or `cameras.json` in
+/// its folder. `None` for other formats, and if there is no such file.
+pub fn json_file(path: &InputFile, root: &SourceRoot) -> Option<InputFile> {
+    if is_json(path) {
+        return Some(path.clone());
+    }
+    if is_gltf(path) {
+        return None;
+    }
+    let [file] = <[InputFile; 1]>::try_from(files(path, root).ok()?).ok()?;
+    Some(file)
+}
+
 /// True if the name of a file is that of glTF.
 pub fn is_gltf(path: &InputFile) -> bool {
     let lower = path.0.to_lowercase();
@@ -87,7 +100,9 @@ fn is_part(file: &str) -> bool {
 }
 
 fn unknown(path: &InputFile) -> NodeError {
-    NodeError::new(format!("`{}` is neither JSON nor glTF nor the folder of a COLMAP model", path.0))
+    let what =
+        format!("`{}` is neither a file `.json`, `.gltf` or `.glb` nor the folder of a COLMAP model", path.0);
+    NodeError::new(what)
         .at("path")
         .hint("a COLMAP model has `cameras.bin` and `images.bin`, or both as `.txt`")
 }

@@ -15,6 +15,38 @@ use crate::math::num;
 /// cannot be read, the error is the end of a sentence that begins with the picture.
 pub type Sizes<'a> = &'a dyn Fn(&str) -> Result<[u64; 2], String>;
 
+/// Files for which [`dataparser`](super::dataparser) is not made.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Origin {
+    /// `camera_path.json` of nerfstudio's viewer, in the coordinates of the splats.
+    Viewer,
+    /// `cameras.json` of INRIA, in the coordinates of the splats of this training.
+    Inria,
+    /// Cameras of a glTF scene.
+    Scene,
+}
+
+impl Origin {
+    /// The file in words.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Viewer => "a path of nerfstudio's viewer",
+            Self::Inria => "the cameras of a training with the INRIA code",
+            Self::Scene => "the cameras of a glTF scene",
+        }
+    }
+}
+
+/// The origin of a JSON file of cameras; `None` for `transforms.json`, for lightharmony's own format, and for files
+/// that are invalid.
+pub fn origin(bytes: &[u8]) -> Option<Origin> {
+    let json: Value = serde_json::from_slice(json_text(bytes)).ok()?;
+    if json.is_array() {
+        return Some(Origin::Inria);
+    }
+    (!json["frames"].is_array() && json["camera_path"].is_array()).then_some(Origin::Viewer)
+}
+
 /// Paths of the pictures of those frames of a `transforms.json` that have no size. Empty for any other file.
 pub fn pictures_without_size(bytes: &[u8]) -> Vec<String> {
     let Ok(json) = serde_json::from_slice::<Value>(json_text(bytes)) else { return Vec::new() };
@@ -279,8 +311,8 @@ fn is_set(value: &Value) -> bool {
     }
 }
 
-/// Reads a camera of `camera_path.json` of nerfstudio's viewer: a matrix of 16 numbers in row-major order, y
-/// up and z backward, and the vertical field of view in degrees (nerfstudio, `get_path_from_json`).
+/// Reads a camera of `camera_path.json` of nerfstudio's viewer: a matrix of 16 numbers in row-major order, or
+/// of rows, y up and z backward, and the vertical field of view in degrees (nerfstudio, `get_path_from_json`).
 fn path_camera(top: &Value, camera: &Value, index: usize) -> Result<Raw, String> {
     let model = level(top, camera, &["camera_type"])["camera_type"].as_str().unwrap_or("perspective");
     if !model.eq_ignore_ascii_case("perspective") {
@@ -288,9 +320,13 @@ fn path_camera(top: &Value, camera: &Value, index: usize) -> Result<Raw, String>
     }
     let (width, height) = (pixels(top, "render_width")?, pixels(top, "render_height")?);
     let mut rows = [[0.0; 4]; 3];
-    for (at, slot) in rows.as_flattened_mut().iter_mut().enumerate() {
-        let number = camera["camera_to_world"][at].as_f64();
-        *slot = number.ok_or("has no `camera_to_world` of 16 numbers")?;
+    if camera["camera_to_world"][0].is_array() {
+        rows = matrix(camera, "camera_to_world", 4)?;
+    } else {
+        for (at, slot) in rows.as_flattened_mut().iter_mut().enumerate() {
+            let number = camera["camera_to_world"][at].as_f64();
+            *slot = number.ok_or("has no `camera_to_world` of 16 numbers")?;
+        }
     }
     let angle = number(camera, "fov")?;
     let focal = by_angle(angle.to_radians(), height)

@@ -28,7 +28,8 @@ use crate::types::{Camera, Rig};
 use count::CAMERA_LIMIT;
 use dataparser::Dataparser;
 use distortion::{Bend, INVISIBLE_PX};
-use files::{existing, files, is_gltf, is_json, size_of, with_pictures};
+use files::{existing, files, is_gltf, json_file, size_of, with_pictures};
+use json::Origin;
 
 pub use crate::types::pick::Pick;
 use raw::Raw;
@@ -99,7 +100,7 @@ engine::outputs! {
 
 impl Kind for LoadCameras {
     const NAME: &'static str = "load-cameras";
-    const VERSION: u32 = 5;
+    const VERSION: u32 = 6;
     const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
     const STORE: Keep = Keep::Cheap;
     const FOLDERS: bool = true;
@@ -112,8 +113,8 @@ impl Kind for LoadCameras {
     }
 
     fn sources(p: &Self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
-        let mut sources = if is_json(&p.path) {
-            with_pictures(root.file(&p.path), root)
+        let mut sources = if let Some(json) = json_file(&p.path, root) {
+            with_pictures(root.file(&json), root)
         } else if is_gltf(&p.path) {
             vec![root.file(&p.path)]
         } else {
@@ -212,14 +213,14 @@ impl Kind for LoadCameras {
     }
 }
 
-/// The file `dataparser_transforms.json` in the folder of a `transforms.json`. `None` if there is no such file, if
-/// the parameter `dataparser` is set, or for any other cameras file. Nerfstudio's `camera_path.json` is already in
+/// The file `dataparser_transforms.json` in the folder of a `transforms.json`, which `path` names directly or by its
+/// folder. `None` if there is no such file, if the parameter `dataparser` is set, or for any other cameras file. Nerfstudio's `camera_path.json` is already in
 /// the coordinates of the splats.
 fn unused_dataparser(p: &LoadCameras, root: &SourceRoot) -> Option<SourceFile> {
-    let needs =
-        p.dataparser.is_none() && is_json(&p.path) && p.path.0.to_lowercase().ends_with("transforms.json");
-    let unused = needs.then(|| root.sibling(&root.file(&p.path), dataparser::NAME))?;
-    (unused.path.is_file() && !p.path.0.ends_with(dataparser::NAME)).then_some(unused)
+    let json = json_file(&p.path, root).filter(|_| p.dataparser.is_none())?;
+    let needs = json.0.to_lowercase().ends_with("transforms.json") && !json.0.ends_with(dataparser::NAME);
+    let unused = needs.then(|| root.sibling(&root.file(&json), dataparser::NAME))?;
+    unused.path.is_file().then_some(unused)
 }
 
 fn read(p: &LoadCameras, cx: &Context, notes: &mut Notes) -> Result<Vec<Raw>, NodeError> {
@@ -228,6 +229,28 @@ fn read(p: &LoadCameras, cx: &Context, notes: &mut Notes) -> Result<Vec<Raw>, No
     let Some(file) = &p.dataparser else { return Ok(cameras) };
     let mut dataparser =
         Dataparser::read(&file.0, &cx.read(file)?).map_err(|e| NodeError::from(e).at("dataparser"))?;
+    let origin = if is_gltf(&p.path) { Some(Origin::Scene) } else { json.as_deref().and_then(json::origin) };
+    match origin {
+        Some(Origin::Viewer) => {
+            let what = format!(
+                "`{}` is a path of nerfstudio's viewer, whose cameras are already in the coordinates of the splats",
+                p.path.0
+            );
+            return Err(NodeError::new(what)
+                .at("dataparser")
+                .hint("remove `dataparser`: only COLMAP models and `transforms.json` need it"));
+        }
+        Some(other) => {
+            let text = format!(
+                "`dataparser` moves the cameras of `{}`, {}: this is right only if they are in the coordinates of \
+                 the capture from which nerfstudio trained; otherwise remove `dataparser`",
+                p.path.0,
+                other.words()
+            );
+            notes.warning("dataparser-doubtful", text);
+        }
+        None => {}
+    }
     if let Some(json) = json {
         dataparser = dataparser.after_applied(&p.path.0, &json)?;
     }
@@ -246,18 +269,17 @@ fn read_file(
     if is_gltf(&p.path) {
         return Ok((gltf::read(name, &cx.read(&p.path)?, cx, notes)?, None));
     }
-    if is_json(&p.path) {
-        let source = cx.source(&p.path);
+    if let Some(file) = json_file(&p.path, cx.root()) {
+        let source = cx.source(&file);
         let sizes = |picture: &str| size_of(existing(&source, picture, cx.root()));
-        let bytes = cx.read(&p.path)?;
-        let cameras = json::read(name, &bytes, &p.list, &sizes, notes)?;
+        let bytes = cx.read(&file)?;
+        let cameras = json::read(&file.0, &bytes, &p.list, &sizes, notes)?;
         return Ok((cameras, Some(bytes)));
     }
     let files = files(&p.path, cx.root())?;
     let first = cx.read(&files[0])?;
     let Some(second) = files.get(1) else {
-        let cameras = json::read(&files[0].0, &first, &p.list, &|_| size_of(None), notes)?;
-        return Ok((cameras, Some(first)));
+        return Err(NodeError::from(Error::format(name, "is not the folder of a COLMAP model")));
     };
     // The formats of pictures are not refused here: the number of cameras at the start of a binary file may be equal
     // to the first bytes of a picture.

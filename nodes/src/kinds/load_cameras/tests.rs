@@ -465,7 +465,12 @@ fn the_path_of_a_viewer_is_read() {
             {{"camera_to_world": [1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1], "fov": 53.13010235415598}}]}}"#
         )
     };
+    // The same matrix as a list of rows.
+    let flat = "[0,1,0,1, 1,0,0,2, 0,0,-1,3, 0,0,0,1]";
+    let nested = |text: &str| text.replace(flat, "[[0, 1, 0, 1], [1, 0, 0, 2], [0, 0, -1, 3], [0, 0, 0, 1]]");
+    let (listed, _) = of_json(&nested(&text("", "perspective"))).unwrap_or_else(|e| panic!("{e}"));
     let (cameras, _) = of_json(&text("", "perspective")).unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!(listed, cameras);
     let [first, second] = cameras.as_slice() else { panic!("two cameras") };
     assert_eq!((first.name.as_str(), second.name.as_str()), ("00000", "00001"));
     assert_eq!((first.width_px, first.height_px, first.cx, first.cy), (40, 30, 20.0, 15.0));
@@ -505,6 +510,22 @@ fn sizes_come_from_the_pictures() {
     assert!((cameras[0].fx - 50.0).abs() < 1e-9 && (cameras[1].fx - 25.0).abs() < 1e-9);
     let error = load(&files[..2], &node("t.json")).err().map(|e| e.to_string()).unwrap_or_default();
     assert!(error.contains("its picture `train/r_1.png` does not exist"), "{error}");
+    // The same by the folder of the file.
+    let in_folder = [
+        ("c/transforms.json", text.as_bytes()),
+        ("c/train/r_0.png", &wide[..]),
+        ("c/train/r_1.png", &small[..]),
+    ];
+    let (by_folder, _) = load(&in_folder, &node("c")).unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!(by_folder, cameras);
+    let folder = tempfile::tempdir().unwrap_or_else(|e| panic!("{e}"));
+    for (name, bytes) in &in_folder {
+        let path = folder.path().join(name);
+        std::fs::create_dir_all(path.parent().unwrap_or(folder.path())).unwrap_or_else(|e| panic!("{e}"));
+        std::fs::write(path, bytes).unwrap_or_else(|e| panic!("{e}"));
+    }
+    let sources = LoadCameras::sources(&node("c"), &SourceRoot::new(folder.path()));
+    assert_eq!(sources.map(|sources| sources.len()).unwrap_or_default(), 3, "the pictures are sources");
 }
 
 // nerfstudio exports splats in the coordinates of its data parser, while the cameras stay in those of the capture.
@@ -541,6 +562,31 @@ fn cameras_follow_the_data_parser() {
     assert!(notes.iter().any(|note| note.id == "dataparser-unused"));
     let (_, notes) = load(&files[..1], &node("transforms.json")).unwrap_or_else(|e| panic!("{e}"));
     assert!(notes.iter().all(|note| note.id != "dataparser-unused"));
+    // The folder stands for its file.
+    let inside = files.map(|(name, bytes)| (format!("c/{name}"), bytes));
+    let inside: Vec<_> = inside.iter().map(|(name, bytes)| (name.as_str(), *bytes)).collect();
+    let (_, notes) = load(&inside, &node("c")).unwrap_or_else(|e| panic!("{e}"));
+    assert!(notes.iter().any(|note| note.id == "dataparser-unused"));
+}
+
+/// `dataparser` is refused for cameras that are in the coordinates of the splats, and reported for cameras that are
+/// usually not in the coordinates of a capture for nerfstudio.
+#[test]
+fn the_data_parser_is_for_cameras_of_the_capture() {
+    let parser = r#"{"transform": [[0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 3]], "scale": 0.5}"#;
+    let with = |cameras: &str| {
+        let p = LoadCameras { dataparser: Some(InputFile("dp.json".into())), ..node("c.json") };
+        load(&[("c.json", cameras.as_bytes()), ("dp.json", parser.as_bytes())], &p)
+    };
+    let viewer = r#"{"render_height": 30, "render_width": 40, "camera_path": [
+        {"camera_to_world": [1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1], "fov": 90}]}"#;
+    let error = with(viewer).err().map(|e| e.to_string()).unwrap_or_default();
+    assert!(error.contains("already in the coordinates of the splats"), "{error}");
+    let doubtful = |cameras: &str| {
+        let (_, notes) = with(cameras).unwrap_or_else(|e| panic!("{e}"));
+        notes.iter().any(|note| note.id == "dataparser-doubtful")
+    };
+    assert_eq!([INRIA, STUDIO, OWN].map(doubtful), [true, false, false]);
 }
 
 /// Files that are damaged at one to four places give cameras or an error, and never cause a panic.

@@ -79,7 +79,7 @@ engine::outputs! {
 
 impl Kind for LoadMesh {
     const NAME: &'static str = "load-mesh";
-    const VERSION: u32 = 7;
+    const VERSION: u32 = 8;
     const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
     const STORE: Keep = Keep::Cheap;
     type Params = Self;
@@ -215,7 +215,7 @@ fn clean(name: &str, raw: RawMesh, srgb: bool, cx: &Context, notes: &mut Notes) 
     let n = raw.positions.len();
     let range = Range::of_floats(raw.colours.as_flattened().iter().copied());
     if range.guessed {
-        notes.decision("colour-range", format!("vertex colours are assumed to range {}", range.words()));
+        notes.warning("colour-range", format!("vertex colours are assumed to range {}", range.words()));
     }
     if let Some(bad) = raw.triangles.iter().position(|t| t.iter().any(|&v| v as usize >= n)) {
         let what = format!("triangle {bad} refers to a vertex that does not exist (number of vertices: {n})");

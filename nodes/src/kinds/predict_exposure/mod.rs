@@ -46,7 +46,7 @@ const SPREAD: f64 = 0.05;
 
 impl Kind for PredictExposure {
     const NAME: &'static str = "predict-exposure";
-    const VERSION: u32 = 15;
+    const VERSION: u32 = 16;
     const READS: &'static [ContextField] = &[ContextField::Exhaustive];
     const DATA: &'static [u8] = network::WEIGHTS;
     const SUPPLIED: Option<&'static str> = kontext::SUPPLIED;

@@ -357,6 +357,19 @@ fn pictures_of_sog_that_are_something_else_are_named() {
     assert!(read(&build::zip("", &files, false)).unwrap().0 == wanted);
 }
 
+/// Files of meshes are named, although their numbers could be those of a `.splat` file.
+#[test]
+fn formats_of_meshes_are_named() {
+    let fbx = [&b"Kaydara FBX Binary  \0\x1a\0"[..], &[0_u8; 77][..]].concat();
+    let blender = [&b"BLENDER-v300"[..], &[0_u8; 84][..]].concat();
+    for (bytes, says) in
+        [(&fbx[..], "FBX"), (&blender[..], "Blender"), (b"solid a\n facet normal 0 0 1\n", "STL")]
+    {
+        let error = read(bytes).err().unwrap();
+        assert!(error.message().contains(says) && error.message().contains("without splats"), "{error}");
+    }
+}
+
 #[test]
 fn pointers_of_git_lfs_are_named() {
     let text = b"version https://git-lfs.github.com/spec/v1\noid sha256:4d7a214614ab2935c943f9e0ff69d22e\nsize 12345\n";
@@ -375,6 +388,91 @@ fn usda(metadata: &str, transform: &str, more: &str) -> String {
          float3[] radiance:sphericalHarmonicsCoefficients = [(0.5, 0.25, -0.5), (1,2,3), (4,5,6), (7,8,9), (1,1,1), (0,0,0), (0,0,0), (0,0,0)]\n\
          uniform token projectionModeHint = \"perspective\"\n{more}    }}\n}}\n"
     )
+}
+
+/// USD as its grammar allows it gives the same splats: comments, quotes, blocked values, settings in strings, and
+/// operations of transforms in any order. Prims that are not drawn are skipped, and data elsewhere are reported.
+#[test]
+fn usd_is_read_as_its_grammar_and_its_stage_say() {
+    let metres = "upAxis = \"Z\"\n    metersPerUnit = 1";
+    let load = |text: &str| from_bytes("a.usda", text.as_bytes(), Frame::AsStored, &context());
+    let wanted = load(&usda(metres, "", "")).unwrap().0;
+    for text in [
+        usda("upAxis = 'Z' # up\n    metersPerUnit = 1; kind = \"x\"", "", ""),
+        usda(&format!("doc = \"\"\"\n upAxis = \"Y\"\n metersPerUnit = 9\n\"\"\"\n {metres}"), "", ""),
+        usda(&format!("doc = '''\n upAxis = \"Y\"\n metersPerUnit = 9\n'''\n {metres}"), "", ""),
+        usda(metres, "// a }\n /* {\n { */ string note = 'a { \" b' (\n doc = \"}\"\n )\n", ""),
+        usda(metres, "asset a = @b [c].png@\n rel r = </World/Mat>\n string s = \"a \\\" { b\"\n", ""),
+        usda(metres, "", "        float[] opacities = None\n        vector3f[] velocities = None\n"),
+        usda(metres, "", "")
+            .replace("\"Splats\"", "'Splats'")
+            .replace("(-1, 0, 0.5)", "// x\n(-1, 0, 0.5) /* ] */"),
+        usda(metres, "token visibility = \"inherited\"\n float3 xformOp:scale\n", ""),
+        // An order without values, and values without an order.
+        usda(metres, "uniform token[] xformOpOrder = [\"xformOp:orient\"]\n", ""),
+        usda(metres, "double3 xformOp:translate = (5, 0, 0)\n", ""),
+    ] {
+        assert!(load(&text).unwrap_or_else(|e| panic!("{e}: {text}")).0 == wanted, "{text}");
+    }
+    let first = |text: &str| load(text).unwrap_or_else(|e| panic!("{e}")).0.means[0];
+    // The point (1, 2, 3). The last operation in the order comes first.
+    let order = |names: &str| format!("uniform token[] xformOpOrder = [{names}]\n");
+    let turned = "float3 xformOp:rotateXYZ = (90, 0, 90)\n double3 xformOp:translate = (10, 0, 0)\n";
+    for (transform, point) in [
+        (format!("{turned}{}", order("\"xformOp:translate\", \"xformOp:rotateXYZ\"")), [13.0, 1.0, 2.0]),
+        (format!("{turned}{}", order("\"xformOp:rotateXYZ\", \"xformOp:translate\"")), [3.0, 11.0, 2.0]),
+        (format!("quatf xformOp:orient = (0, 0, 0, 1)\n{}", order("\"xformOp:orient\"")), [-1.0, -2.0, 3.0]),
+    ] {
+        near(&first(&usda(metres, &transform, "")), &point, 1e-5);
+    }
+    let reset = "        uniform token[] xformOpOrder = [\"!resetXformStack!\"]\n";
+    let moved = format!("double3 xformOp:translate = (10, 0, 0)\n{}", order("\"xformOp:translate\""));
+    near(&first(&usda(metres, &moved, reset)), &[1.0, 2.0, 3.0], 0.0);
+    // A second prim of splats, which is drawn or not.
+    let second = |specifier: &str, settings: &str, body: &str| {
+        let splats = "def ParticleField3DGaussianSplat \"T\" { point3f[] positions = [(7, 7, 7)] }\n";
+        format!("{}{specifier} \"Other\" {settings}\n{{\n{splats}{body}}}\n", usda(metres, "", ""))
+    };
+    assert_eq!(load(&second("def", "", "")).unwrap().0.len(), 3);
+    for (specifier, settings, body) in [
+        ("def Xform", "(active = false)", ""),
+        ("def Xform", "", "token visibility = \"invisible\"\n"),
+        ("over", "", ""),
+        ("class Xform", "", ""),
+        ("def Xform", "(active = false)", "double xformOp:rotateX.timeSamples = { 0: 1 }\n"),
+    ] {
+        let text = second(specifier, settings, body);
+        let (splats, notes) = load(&text).unwrap_or_else(|e| panic!("{e}: {text}"));
+        assert!(splats == wanted && notes.iter().any(|note| note.id == "usd-hidden"), "{text}");
+    }
+    let reference = "(prepend references = @./a.usda@</S> (offset = 1))";
+    let (splats, notes) = load(&second("def", reference, "")).unwrap();
+    assert_eq!(splats.len(), 3);
+    let text = notes.iter().find(|note| note.id == "usd-elsewhere").map(|note| note.text.as_str());
+    assert!(notes.is_degraded() && text.is_some_and(|text| text.contains("the references of `Other`")));
+    assert!(!load(&second("def", "(references = None)", "")).unwrap().1.is_degraded());
+    let variants = "variantSet \"lod\" = {\n \"high\" {\n }\n }\n";
+    assert!(load(&second("def", "", variants)).unwrap().1.is_degraded());
+    let alone = |prim: &str| format!("#usda 1.0\n(\n {metres}\n)\ndef {prim} {{ }}\n");
+    for (text, says) in [
+        (alone("\"A\" (payload = @b.usda@)"), "the payload of `A`"),
+        (
+            alone("ParticleField3DGaussianSplat \"A\" (references = @b.usda@)"),
+            "the references of the splats `A`",
+        ),
+        (
+            alone("ParticleField3DGaussianSplat \"A\" (active = false)"),
+            "are inactive, invisible or not defined",
+        ),
+        (
+            alone("\"A\"").replace("metersPerUnit", "subLayers = [@b.usda@]\n metersPerUnit"),
+            "the subLayers of the file",
+        ),
+        (second("def", "", "double xformOp:rotateX.timeSamples = { 0: 1 }\n"), "animated USD"),
+    ] {
+        let error = load(&text).err().unwrap_or_else(|| panic!("{text}"));
+        assert!(error.message().contains(says), "{error}");
+    }
 }
 
 /// Splats in USD text are read with the right values, unit, axis and transforms, and unsupported files are refused.
@@ -433,7 +531,7 @@ fn splats_of_usd_in_text_are_read() {
             let at = (seed >> 33) as usize % bytes.len();
             match seed >> 62 {
                 0 => bytes.truncate(at.max(8)),
-                1 => bytes[at] = b"()[]{}\"#=,\n"[(seed >> 50) as usize % 11],
+                1 => bytes[at] = b"()[]{}\"#=,\n'@<>/*"[(seed >> 50) as usize % 17],
                 2 => drop(bytes.remove(at)),
                 _ => bytes[at] ^= 1 << (seed >> 55 & 7),
             }

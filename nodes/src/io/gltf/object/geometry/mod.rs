@@ -112,7 +112,7 @@ impl<'a> Geometry<'a> {
         self.tally.report(notes);
         if self.white[0].guessed {
             let range = self.white[0].words();
-            notes.decision("colour-range", format!("vertex colours are assumed to range {range}"));
+            notes.warning("colour-range", format!("vertex colours are assumed to range {range}"));
         }
         if primitives.is_empty() {
             let t = &self.tally;

@@ -1,0 +1,137 @@
+//! USD in text (`.usda`) with prims of `ParticleField3DGaussianSplat` (OpenUSD 26.03, `usdVol`): scales and opacities
+//! are activated, quaternions are w x y z, harmonics follow each other splat by splat. Prims that are inactive,
+//! invisible or not defined are skipped. References, variants and other layers are not followed, but reported.
+
+mod prim;
+mod scan;
+mod transform;
+
+use engine::{NodeError, Notes, Up};
+use glam::{DMat3, DMat4, DVec3};
+
+use self::prim::{COEFFICIENTS, Field, Stage};
+use self::scan::Scan;
+use super::frame::Turn;
+use super::loaded::Loaded;
+use super::reading::Reading;
+use super::rows::{Row, RowFault, sh_rest};
+use crate::error::Error;
+use crate::types::frame::Similarity;
+
+/// First bytes of a file.
+pub(super) const MAGIC: &[u8] = b"#usda";
+/// First bytes of binary USD.
+pub(super) const BINARY: &[u8] = b"PXR-USDC";
+
+/// Type of the prims of splats.
+const PRIM: &str = "ParticleField3DGaussianSplat";
+/// Metres per unit of a file that does not specify it, as defined by USD.
+const CENTIMETRE: f64 = 0.01;
+/// Remedy for files that refer to others.
+const FLATTEN: &str = "`usdcat --flatten` writes a file that contains everything";
+
+/// Loads a file.
+pub(super) fn load(
+    file: &str,
+    bytes: &[u8],
+    reading: &Reading<'_>,
+    notes: &mut Notes,
+) -> Result<Loaded, NodeError> {
+    let text = std::str::from_utf8(bytes).map_err(|_| Error::format(file, "the file is not text"))?;
+    let mut scan = Scan::after_first_line(file, text);
+    scan.blanks()?;
+    let settings = scan.settings()?;
+    let setting = |name: &str| settings.iter().find(|one| one.words == [name]).map(|one| one.plain());
+    let up = match setting("upAxis") {
+        None | Some("Y") => Up::PlusY,
+        Some("Z") => Up::PlusZ,
+        Some(other) => return Err(Error::format(file, format!("`upAxis` is `{other}`, not Y or Z")).into()),
+    };
+    let unit = setting("metersPerUnit").map_or(Ok(CENTIMETRE), str::parse::<f64>);
+    let unit = unit.ok().filter(|unit| *unit > 0.0 && unit.is_finite());
+    let unit = unit.ok_or_else(|| Error::format(file, "`metersPerUnit` is not a number above 0"))?;
+    notes.decision("usd-unit", format!("`{file}` has {unit} metres per unit"));
+    let Stage { fields, hidden, elsewhere } = Stage::read(&mut scan, &settings)?;
+    if hidden > 0 {
+        let text = format!(
+            "prims of splats in `{file}` that are inactive, invisible or not defined are ignored (number: {hidden})"
+        );
+        notes.decision("usd-hidden", text);
+    }
+    if fields.is_empty() && !elsewhere.is_empty() {
+        let what = format!("splats in {}; {FLATTEN}", elsewhere.join(", "));
+        return Err(Error::unsupported(file, what).into());
+    }
+    if fields.is_empty() {
+        let what = if hidden > 0 {
+            format!("all prims of the type `{PRIM}` are inactive, invisible or not defined")
+        } else {
+            format!("the file has no prim of the type `{PRIM}`")
+        };
+        return Err(
+            NodeError::from(Error::format(file, what)).hint("meshes are read from glTF, PLY, OBJ and STL")
+        );
+    }
+    if !elsewhere.is_empty() {
+        let text = format!("`{file}` uses {}, which are not read; {FLATTEN}", elsewhere.join(", "));
+        notes.degraded("usd-elsewhere", text);
+    }
+    let world = reading.world(file, Some(up), true, notes).unwrap_or(Similarity::IDENTITY);
+    let mut all: Option<Loaded> = None;
+    for field in &fields {
+        let matrix = DMat4::from_scale(DVec3::splat(unit)) * field.matrix;
+        let linear = world.rotation * DMat3::from_mat4(matrix) * world.scale;
+        let offset = world.point(matrix.w_axis.truncate());
+        let turn = Turn::of_linear(linear, offset).ok_or_else(|| {
+            Error::unsupported(file, "a transform of splats that scales unevenly or shears")
+        })?;
+        let one = rows(file, field, &turn, reading)?;
+        all = Some(match all {
+            None => one,
+            Some(all) => all.join(file, one)?,
+        });
+    }
+    Ok(all.unwrap_or_else(|| Loaded::new(Vec::new(), 0, 0)))
+}
+
+/// The splats of one prim.
+fn rows(file: &str, field: &Field, turn: &Turn, reading: &Reading<'_>) -> Result<Loaded, NodeError> {
+    let list = |name: &str| field.list(name);
+    let positions = if list("positions").is_empty() { list("points") } else { list("positions") };
+    let positions = positions.as_chunks::<3>().0;
+    let count = positions.len();
+    let whole = |name: &str, found: usize, each: usize| -> Result<(), Error> {
+        if found == count * each || found == 0 {
+            return Ok(());
+        }
+        Err(Error::format(
+            file,
+            format!("`{name}` has {found} numbers for {count} splats; each splat needs {each}"),
+        ))
+    };
+    let (scales, turns, opacities) = (list("scales"), list("orientations"), list("opacities"));
+    whole("scales", scales.len(), 3)?;
+    whole("orientations", turns.len(), 4)?;
+    whole("opacities", opacities.len(), 1)?;
+    let colours = list(COEFFICIENTS).as_chunks::<3>().0;
+    let held = colours.len().checked_div(count).unwrap_or(0);
+    let degree = field.degree.unwrap_or_else(|| (0..=4).find(|d| sh_rest(*d) + 1 == held).unwrap_or(0));
+    whole(COEFFICIENTS, 3 * colours.len(), 3 * (sh_rest(degree) + 1))?;
+    let each = sh_rest(degree) + 1;
+    let parts = reading.rows(count, Some(turn), |index, sh| {
+        let three = |list: &[f32], otherwise: f64| {
+            let own = list.as_chunks::<3>().0.get(index);
+            own.map_or([otherwise; 3], |v| v.map(f64::from))
+        };
+        let quat = turns.as_chunks::<4>().0.get(index).map_or([1.0, 0.0, 0.0, 0.0], |q| q.map(f64::from));
+        if colours.is_empty() {
+            sh.extend(std::iter::repeat_n([0.0; 3], each));
+        } else {
+            sh.extend_from_slice(colours.get(index * each..(index + 1) * each).ok_or(RowFault::NoSuchEntry)?);
+        }
+        let opacity = opacities.get(index).map_or(1.0, |o| f64::from(*o));
+        let mean = positions.get(index).ok_or(RowFault::NoSuchEntry)?.map(f64::from);
+        Row::checked(mean, quat, three(scales, 1.0), opacity, reading.max_extent)
+    })?;
+    Ok(Loaded::new(parts, count, degree))
+}
