@@ -790,7 +790,7 @@ def starts(b, p):
         fresh.stop()
         fresh.write("Graph(version: 1, nodes: ())\n")
         again = subprocess.run([fresh.program, "watch", "room.ply", "--serve", "--json", "--cache", "cache"], cwd=fresh.path, capture_output=True, text=True, timeout=60)
-        check(again.returncode == 2 and "exists already" in again.stderr, f"another graph stays: {again.stderr}")
+        check(again.returncode == 2 and "exists already" in again.stdout, f"another graph stays: {again.stdout}")
         check(fresh.text() == "Graph(version: 1, nodes: ())\n", "it is untouched")
     finally:
         fresh.stop()

@@ -350,6 +350,12 @@ async function begin() {
   if (view.nodes && !view.nodes.some((node) => node.kind === "PathTrace") && view.starts) await pane(true);
 }
 
+// Puts an object into a bare capture; the new graph then shows its pose.
+const start = (data) => attempt(async () => {
+  await change("/start", data);
+  chosen = null;
+});
+
 async function pane(toPlace) {
   $("picture").hidden = toPlace;
   $("place").hidden = !toPlace;
@@ -358,7 +364,7 @@ async function pane(toPlace) {
   if (!toPlace) return picture.redraw();
   return attempt(async () => {
     const { Place } = await import("/assets/place.js");
-    place ??= Place({ graph: () => view, state: () => state, picture: () => made, along: () => along(output?.slice(0, output.lastIndexOf(".")) ?? ""), set, attempt: tryOut, revert, choose, notify, start: (data) => attempt(() => change("/start", data)) });
+    place ??= Place({ graph: () => view, state: () => state, picture: () => made, along: () => along(output?.slice(0, output.lastIndexOf(".")) ?? ""), set, attempt: tryOut, revert, choose, notify, start });
     place.open();
     await picked();
   });

@@ -737,9 +737,10 @@ export function Place(page) {
     const one = object();
     if (!one) { $("place-position").textContent = ""; return; }
     const known = pose(one);
-    const at = column(matrix(one), 3).map(number).join(", ");
+    const short = (p) => p.map((v) => number(Number(v.toFixed(decimals())))).join(", ");
+    const at = short(column(matrix(one), 3));
     const yaw = known ? ` · yaw ${number(Number(wrapped(known.yaw).toFixed(1)))}°` : "";
-    $("place-position").textContent = `${one.node} at (${at})${yaw}${spot ? ` · ground at (${spot.map(number).join(", ")})` : ""}`;
+    $("place-position").textContent = `${one.node} at (${at})${yaw}${spot ? ` · ground at (${short(spot)})` : ""}`;
   }
 
   // The traced picture, over the view of its camera or in the corner.
