@@ -188,7 +188,7 @@ impl Kind for SplatRender {
             }
             views.push(View { camera: camera.clone(), colour, depth });
         }
-        if limits.is_none() && splats.len() > 0 {
+        if limits.is_none() && !splats.is_empty() {
             warn_of_empty(covered, &rig, &mut notes);
         }
         total.report(splats.len(), &settings, cx, &mut notes);
