@@ -374,7 +374,7 @@ mod tests {
         // The name of the attribute, its type and its length, then the number.
         let name = b"pixelAspectRatio\0float\0\x04\0\0\0";
         let at = bytes.windows(name.len()).position(|window| window == name).map(|at| at + name.len());
-        let mut wide = bytes.clone();
+        let mut wide = bytes;
         let place = at.and_then(|at| wide.get_mut(at..at + 4)).expect("has the attribute");
         place.copy_from_slice(&2.0_f32.to_le_bytes());
         assert!(reported(&wide));

@@ -32,7 +32,7 @@ pub fn texts(graph: &Graph, pair: &Pair, found: &Comparison) -> Vec<pair::Findin
             Some(("mesh-elsewhere", text))
         }
         // `splat-render` reports views that show nothing as `views-empty`.
-        Finding::Cameras => return None,
+        Finding::Cameras => None,
         Finding::Debris => {
             let text = format!(
                 "parts of the mesh {mesh} float in front of the surfaces that the splats {splats} show. They cover {}. \
