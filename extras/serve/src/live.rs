@@ -59,6 +59,9 @@ pub struct Live {
     editor: Mutex<Editor>,
     /// Settings that are tried out without being written, by node and field.
     tried: Mutex<BTreeMap<(String, String), String>>,
+    /// Fields with values that were tried when the watch began to read the graph, and those of the graph that the page
+    /// shows. A trial may have ended since then.
+    applied: Mutex<[BTreeSet<(String, String)>; 2]>,
     number: AtomicU64,
     sender: broadcast::Sender<Arc<Message>>,
 }
@@ -89,6 +92,7 @@ impl Live {
             state: Mutex::default(),
             editor: Mutex::new(editor),
             tried: Mutex::default(),
+            applied: Mutex::default(),
             number: AtomicU64::new(0),
             sender: broadcast::Sender::new(BEHIND),
         }
@@ -155,6 +159,10 @@ impl Live {
             }
             text
         };
+        {
+            let [read, shown] = &mut *lock(&self.applied);
+            shown.clone_from(read);
+        }
         // A file that cannot be read has no text; the refusal says why.
         let text = text.unwrap_or_default();
         {
@@ -279,11 +287,13 @@ impl Live {
         Ok(json!({"tried": true}))
     }
 
-    /// The fields of a node of which values are tried. An overlay of the command line on such a field was refused when
-    /// the trial began.
+    /// The fields of a node of which values are tried, now or in the graph that the page shows. An overlay of the command
+    /// line on such a field was refused when the trial began.
     fn tried_of(&self, node: &str) -> Vec<String> {
-        let tried = lock(&self.tried);
-        tried.keys().filter(|(known, _)| known == node).map(|(_, field)| field.clone()).collect()
+        let of = |known: &&(String, String)| known.0 == node;
+        let now: Vec<String> = lock(&self.tried).keys().filter(of).map(|(_, field)| field.clone()).collect();
+        let [_, shown] = &*lock(&self.applied);
+        now.into_iter().chain(shown.iter().filter(of).map(|(_, field)| field.clone())).collect()
     }
 
     /// Ends the trial of values.
@@ -295,9 +305,12 @@ impl Live {
         json!({"tried": false})
     }
 
-    /// The values that are tried, as settings of the command line.
+    /// The values that are tried, as settings of the command line. The watch asks for them when it reads the graph, and
+    /// then calls [`loaded`](Self::loaded).
     pub fn tried(&self) -> Vec<String> {
-        lock(&self.tried).iter().map(|((node, field), value)| format!("{node}.{field}={value}")).collect()
+        let tried = lock(&self.tried);
+        lock(&self.applied)[0] = tried.keys().cloned().collect();
+        tried.iter().map(|((node, field), value)| format!("{node}.{field}={value}")).collect()
     }
 
     /// The nodes that would run after an edit, and the forecast of their time.
