@@ -690,7 +690,7 @@ def agrees(b, p):
         psnr[name] = b.at("POST", "/execute/async", {"script": script, "args": []})
         b.click("#tab-picture")
     print(f"    {w} by {h} pixels: {psnr['degree 0']:.1f} dB at degree 0, {psnr['all degrees']:.1f} dB with all harmonics")
-    check(psnr["degree 0"] > 45 and psnr["all degrees"] > 28, f"{psnr}")
+    check(psnr["degree 0"] > 49 and psnr["all degrees"] > 30, f"{psnr}")
 
 
 def capture():

@@ -153,7 +153,7 @@ export function Lines(canvas) {
     }
   }
 
-  // The nearest part of the gizmo, or camera, at a point; null if there is none.
+  // The nearest part of the gizmo, or camera, at a point; null if nothing is near.
   function hit(p) {
     let best = null;
     for (const one of hits) {

@@ -60,6 +60,9 @@ pub struct Live {
     editor: Mutex<Editor>,
     /// Trial values, which are not written to the file, by node and field.
     tried: Mutex<BTreeMap<(String, String), String>>,
+    /// The fields with trial values when the watch began to read the graph, followed by those in the graph that the page
+    /// shows. A trial may have ended since then.
+    applied: Mutex<[BTreeSet<(String, String)>; 2]>,
     number: AtomicU64,
     sender: broadcast::Sender<Arc<Message>>,
 }
@@ -90,6 +93,7 @@ impl Live {
             state: Mutex::default(),
             editor: Mutex::new(editor),
             tried: Mutex::default(),
+            applied: Mutex::default(),
             number: AtomicU64::new(0),
             sender: broadcast::Sender::new(BEHIND),
         }
@@ -156,6 +160,10 @@ impl Live {
             }
             text
         };
+        {
+            let [read, shown] = &mut *lock(&self.applied);
+            shown.clone_from(read);
+        }
         // A file that cannot be read has no text; the refusal says why.
         let text = text.unwrap_or_default();
         {
@@ -281,11 +289,13 @@ impl Live {
         Ok(json!({"tried": true}))
     }
 
-    /// The fields of a node that have trial values. Edits of such a field are not checked for overlays on the command
-    /// line, since this was done when the trial began.
+    /// The fields of a node that have trial values, now or in the graph that the page shows. Edits of such a field are
+    /// not checked for overlays on the command line, since this was done when the trial began.
     fn tried_of(&self, node: &str) -> Vec<String> {
-        let tried = lock(&self.tried);
-        tried.keys().filter(|(known, _)| known == node).map(|(_, field)| field.clone()).collect()
+        let of = |known: &&(String, String)| known.0 == node;
+        let now: Vec<String> = lock(&self.tried).keys().filter(of).map(|(_, field)| field.clone()).collect();
+        let [_, shown] = &*lock(&self.applied);
+        now.into_iter().chain(shown.iter().filter(of).map(|(_, field)| field.clone())).collect()
     }
 
     /// Drops the trial values.
@@ -297,9 +307,11 @@ impl Live {
         json!({"tried": false})
     }
 
-    /// The trial values, in the form of `--set` options.
+    /// The trial values, in the form of `--set` options. The watch asks for them when it reads the graph, and then calls [`loaded`](Self::loaded).
     pub fn tried(&self) -> Vec<String> {
-        lock(&self.tried).iter().map(|((node, field), value)| format!("{node}.{field}={value}")).collect()
+        let tried = lock(&self.tried);
+        lock(&self.applied)[0] = tried.keys().cloned().collect();
+        tried.iter().map(|((node, field), value)| format!("{node}.{field}={value}")).collect()
     }
 
     /// The nodes that would run after an edit, and the forecast of their time.

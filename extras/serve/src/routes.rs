@@ -244,7 +244,7 @@ async fn object(State(live): Shared, Path(digest): Path<String>) -> Response {
     thing(live, digest, |thing| thing.object().map(|object| Surface::of_object(object).pack())).await
 }
 
-/// The surface along a ray; `null` with the reason if there is none.
+/// The surface along a ray; `null` with the reason if the ray meets nothing.
 async fn ground_at(State(live): Shared, body: Bytes) -> Response {
     answer(live, body, |live, ray: Ray| {
         Ok(ground(live, &ray).unwrap_or_else(|why| json!({"position": null, "why": why})))

@@ -90,10 +90,15 @@ fn the_place_says_what_is_where() {
     let (head, bytes) = unpacked(&splats);
     let count = head["count"].as_u64().unwrap() as usize;
     assert_eq!((bytes.len(), &head["total"]), (count * 32, &head["count"]));
-    assert!(count > 1000);
-    assert!(
-        bytes.as_chunks::<32>().0.iter().all(|splat| floats(&splat[..12]).iter().all(|v| v.abs() < 100.0))
-    );
+    assert_eq!(count, 3);
+    let origin: Vec<f64> = head["origin"].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
+    for (splat, (x, colour)) in bytes.as_chunks::<32>().0.iter().zip([(-0.5, 0), (0.0, 1), (0.5, 2)]) {
+        let place = floats(&splat[..12]);
+        assert!((f64::from(place[0]) + origin[0] - x).abs() < 1e-6 && splat[12 + colour] > 220, "{splat:?}");
+        // The covariance of a sphere, divided by its square radius.
+        let halves = splat[20..].as_chunks::<2>().0.iter().map(|v| half::f16::from_le_bytes(*v).to_f32());
+        assert_eq!(halves.collect::<Vec<f32>>(), [1.0, 0.0, 0.0, 1.0, 0.0, 1.0]);
+    }
     assert_eq!(splats.header("cache-control"), Some("private, max-age=31536000, immutable"));
     for (path, normals) in [
         (format!("/object/{}", object["shape"].as_str().unwrap()), true),
