@@ -149,8 +149,8 @@ fn light_samples_follow_their_density() {
             });
             let mut counts = vec![0.0; bins.len()];
             for i in 0..n {
-                let bits = Points::new(stream(2, i, 0), 0).bits(0);
-                let (light, place) = near.sample(point, side, bits).expect("light");
+                let [sample, ..] = near.samples(side).sample(Points::new(stream(2, i, 0), 0), 1, 0);
+                let (light, place) = near.arriving(point, sample.expect("light"));
                 let ray = NearFieldLight::towards(Ray::new(point, light.direction), place.as_ref());
                 // Surfaces that the point cannot see from its side have no light.
                 if light.radiance != Vec3::ZERO && near.reaches(ray, place.as_ref()) {

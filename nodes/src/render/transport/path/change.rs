@@ -140,7 +140,18 @@ impl<'a> Integrator<'a> {
     fn paired_estimate(&mut self, hit: Hit, ray: Ray, sampling: &ChangeSampling<'_>) -> Vec3 {
         let lamps = !self.scene.objects.emitters.is_empty();
         let towards = if lamps { towards(sampling) } else { Towards::NOWHERE };
-        let pass = Pass { lift: sampling.lift, towards, ..self.pass };
+        let samples = self.scene.near().map(|near| {
+            let at = ShadingPoint::new(self.receiver_surface(&hit, sampling.lift), 0, self.key);
+            self.near_samples(&near, &at)
+        });
+        let pass = Pass { lift: sampling.lift, towards, arriving: samples.as_ref(), ..self.pass };
+        if !lamps {
+            // Most paths touch no object, which takes fewer rays to find out than the light.
+            self.with(Pass { touch_only: true, ..pass }, |own| own.radiance(Vertex::Receiver(hit), ray));
+            if !self.tally.touched {
+                return Vec3::ZERO;
+            }
+        }
         let with = self.with(pass, |own| own.radiance(Vertex::Receiver(hit), ray));
         if !self.tally.touched {
             return Vec3::ZERO;

@@ -11,6 +11,7 @@ use crate::render::transport::bsdf::{Lobe, Scatter};
 use crate::render::transport::scene::block::Block;
 use crate::render::transport::scene::surface::Surface;
 use crate::render::transport::sky::cone::Towards;
+use crate::render::transport::sky::defensive::MOST;
 use crate::render::transport::sky::environment::{Distributions, DrawnDirection, LightSample, TIERS};
 use crate::render::transport::sky::light_draws::wanted;
 
@@ -26,12 +27,15 @@ const DIMMING_PIECE: u32 = 7 << 16;
 /// Maximum number of light samples per vertex.
 const MANY: usize = 5;
 /// Number of light samples of near light at the first vertex.
-const NEAR_LIGHTS: u32 = 4;
+const NEAR_LIGHTS: u32 = MOST as u32;
 
 /// Number of light samples of near light at a vertex.
 pub(crate) fn near_lights(at: &ShadingPoint) -> u32 {
     if at.is_first() { NEAR_LIGHTS } else { 1 }
 }
+
+/// Light samples of near light at a vertex.
+pub(crate) type NearSamples = [Option<ArrivingLight>; MOST];
 
 /// Light samples of a vertex.
 #[derive(Debug, Default)]
@@ -91,19 +95,39 @@ impl<'a> Integrator<'a> {
 
     fn lit_by_receiver(&mut self, near: &NearFieldLight<'_>, at: &ShadingPoint) -> Vec3 {
         let (surface, lights) = (&at.surface, near_lights(at));
+        let own;
+        let samples = match self.pass.arriving.filter(|_| at.is_first()) {
+            Some(arriving) => arriving,
+            None => {
+                own = self.near_samples(near, at);
+                &own
+            }
+        };
         let mut lit = Vec3::ZERO;
-        for number in 0..lights {
+        for (number, arriving) in (0..lights).zip(samples) {
+            let Some(arriving) = arriving else { continue };
             let points = self.pass.points.twig(number, lights);
-            self.tally.rays.shadow += 1;
-            let side = surface.bsdf.lit_side();
-            let Some(mut arriving) = near.sample(surface.looks_from(), side, points.bits(at.pair)) else {
-                continue;
-            };
-            arriving.0.pdf *= lights as f32;
             let key = at.key.wrapping_add(number);
-            lit += self.light_sample(surface, &arriving, Some((near, (points, at.pair))), key);
+            lit += self.light_sample(surface, arriving, Some((near, (points, at.pair))), key);
+            if self.may_stop() {
+                break;
+            }
         }
         lit
+    }
+
+    /// Light samples of near light at a vertex, with their densities. Entries are `None` where no light comes from
+    /// the lit side.
+    pub(crate) fn near_samples(&mut self, near: &NearFieldLight<'_>, at: &ShadingPoint) -> NearSamples {
+        let (surface, lights) = (&at.surface, near_lights(at));
+        self.tally.rays.shadow += u64::from(lights);
+        let samples = near.samples(surface.bsdf.lit_side()).sample(self.pass.points, lights, at.pair);
+        let point = surface.looks_from();
+        samples.map(|light| {
+            let mut arriving = near.arriving(point, light?);
+            arriving.0.pdf *= lights as f32;
+            Some(arriving)
+        })
     }
 
     fn lit_by_sky(&mut self, at: &ShadingPoint) -> Vec3 {
@@ -201,8 +225,8 @@ impl<'a> Integrator<'a> {
                 }
             }
             None if distributions.iter().any(|distribution| distribution.power > 0.0) => {
-                let (tier, point) = sky.tier(distributions, self.pass.points.bits(pair));
                 let numbers = sky.numbers(distributions, None);
+                let (tier, point) = sky.tier(numbers, self.pass.points.bits(pair));
                 found.push(sky.draw_one(tier, distributions[tier], numbers[tier], point));
             }
             None => {}
@@ -279,7 +303,7 @@ impl<'a> Integrator<'a> {
             let dimming = self.dimming(near, arriving, points, key);
             unshaded = unshaded.map(|passes| passes * dimming);
         }
-        if unshaded == [Vec3::ZERO; 2] {
+        if unshaded == [Vec3::ZERO; 2] || self.pass.touch_only {
             return Vec3::ZERO;
         }
         let mut arrived = Vec3::ZERO;

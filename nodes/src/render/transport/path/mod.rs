@@ -13,3 +13,4 @@ pub(crate) mod rays;
 pub(crate) mod scattering;
 pub(crate) mod transmittance;
 pub mod visibility;
+pub(crate) mod wide_lights;
