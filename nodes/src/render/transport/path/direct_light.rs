@@ -3,6 +3,7 @@
 use glam::Vec3;
 
 use super::integrator::Integrator;
+use super::near_draws::{MOST, NearSamples};
 use super::near_field::{ArrivingLight, NearFieldLight};
 use super::path::ShadingPoint;
 use crate::geometry::bvh::{Hit, Ray};
@@ -11,7 +12,6 @@ use crate::render::transport::bsdf::{Lobe, Scatter};
 use crate::render::transport::scene::block::Block;
 use crate::render::transport::scene::surface::Surface;
 use crate::render::transport::sky::cone::Towards;
-use crate::render::transport::sky::defensive::MOST;
 use crate::render::transport::sky::environment::{Distributions, DrawnDirection, LightSample, TIERS};
 use crate::render::transport::sky::light_draws::wanted;
 
@@ -27,15 +27,12 @@ const DIMMING_PIECE: u32 = 7 << 16;
 /// Maximum number of light samples per vertex.
 const MANY: usize = 5;
 /// Number of light samples of near light at the first vertex.
-const NEAR_LIGHTS: u32 = MOST as u32;
+pub(crate) const NEAR_LIGHTS: u32 = MOST as u32;
 
 /// Number of light samples of near light at a vertex.
 pub(crate) fn near_lights(at: &ShadingPoint) -> u32 {
     if at.is_first() { NEAR_LIGHTS } else { 1 }
 }
-
-/// Light samples of near light at a vertex.
-pub(crate) type NearSamples = [Option<ArrivingLight>; MOST];
 
 /// Light samples of a vertex.
 #[derive(Debug, Default)]
@@ -93,7 +90,7 @@ impl<'a> Integrator<'a> {
         }
     }
 
-    fn lit_by_receiver(&mut self, near: &NearFieldLight<'_>, at: &ShadingPoint) -> Vec3 {
+    fn lit_by_receiver(&mut self, near: &NearFieldLight<'a>, at: &ShadingPoint) -> Vec3 {
         let (surface, lights) = (&at.surface, near_lights(at));
         let own;
         let samples = match self.pass.arriving.filter(|_| at.is_first()) {
@@ -118,16 +115,11 @@ impl<'a> Integrator<'a> {
 
     /// Light samples of near light at a vertex, with their densities. Entries are `None` where no light comes from
     /// the lit side.
-    pub(crate) fn near_samples(&mut self, near: &NearFieldLight<'_>, at: &ShadingPoint) -> NearSamples {
+    pub(crate) fn near_samples(&mut self, near: &NearFieldLight<'a>, at: &ShadingPoint) -> NearSamples {
         let (surface, lights) = (&at.surface, near_lights(at));
         self.tally.rays.shadow += u64::from(lights);
-        let samples = near.samples(surface.bsdf.lit_side()).sample(self.pass.points, lights, at.pair);
-        let point = surface.looks_from();
-        samples.map(|light| {
-            let mut arriving = near.arriving(point, light?);
-            arriving.0.pdf *= lights as f32;
-            Some(arriving)
-        })
+        let vertex = (surface.looks_from(), near.samples(surface.bsdf.lit_side()));
+        near.sample(vertex, self.pass.points, lights, at.pair)
     }
 
     fn lit_by_sky(&mut self, at: &ShadingPoint) -> Vec3 {

@@ -2,8 +2,8 @@
 
 use glam::Vec3;
 
-use super::direct_light::NearSamples;
 use super::light_points::LightPoints;
+use super::near_draws::NearSamples;
 use super::near_field::NearFieldLight;
 use super::path::{Path, PathState, ShadingPoint, Vertex, first_pair};
 use super::rays::Rays;
@@ -260,10 +260,15 @@ impl<'a> Integrator<'a> {
     /// Throughput after Russian roulette. `None` if the path ends. The factor `share` of the throughput (see
     /// [`PathState::share`]) has no effect on the survival probability.
     pub(crate) fn russian_roulette(&self, bounce: u32, throughput: Vec3, share: f32) -> Option<Vec3> {
-        if bounce + 1 < ROULETTE_FROM {
-            return Some(throughput);
-        }
-        let survival = (throughput.max_element() / share).clamp(0.05, 0.95);
-        (unit(self.pass.points.bits(first_pair(bounce) + 3)[0]) < survival).then(|| throughput / survival)
+        russian_roulette(&self.pass.points, bounce, throughput, share)
     }
+}
+
+/// Throughput after Russian roulette with the random numbers of a sample; see [`Integrator::russian_roulette`].
+pub(crate) fn russian_roulette(points: &Points, bounce: u32, throughput: Vec3, share: f32) -> Option<Vec3> {
+    if bounce + 1 < ROULETTE_FROM {
+        return Some(throughput);
+    }
+    let survival = (throughput.max_element() / share).clamp(0.05, 0.95);
+    (unit(points.bits(first_pair(bounce) + 3)[0]) < survival).then(|| throughput / survival)
 }

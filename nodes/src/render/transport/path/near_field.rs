@@ -14,7 +14,9 @@
 
 use glam::Vec3;
 
+use super::near_draws::{NearDraws, NearSamples};
 use crate::geometry::bvh::{Hit, Ray};
+use crate::geometry::sampling::Points;
 use crate::math::color::luminance;
 use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::sky::defensive::DefensiveSampling;
@@ -68,6 +70,22 @@ impl<'a> NearFieldLight<'a> {
         DefensiveSampling::new(self.sky, side)
     }
 
+    /// Takes light samples for `point` at sub-samples of `points`, from the pair of sample dimensions `pair`, into
+    /// the first `count` entries of the result. Traces one ray for each. Entries are `None` where no light comes
+    /// from the lit side.
+    pub(crate) fn sample(
+        &self,
+        (point, samples): (Vec3, DefensiveSampling<'a>),
+        points: Points,
+        count: u32,
+        pair: u32,
+    ) -> NearSamples {
+        let mut draws = NearDraws::new(*self, count, pair);
+        draws.push(point, samples, points);
+        draws.draw();
+        draws.of(0)
+    }
+
     /// Ratio of the solid angles that a surface element subtends at the point of capture and at `point`. 0 if these
     /// two points are on different sides of the surface.
     fn spread(&self, place: &EmissivePoint, point: Vec3) -> f32 {
@@ -118,11 +136,14 @@ impl<'a> NearFieldLight<'a> {
     pub fn eval(
         &self,
         ray: Ray,
-        side: Option<Vec3>,
+        samples: &DefensiveSampling<'_>,
         hit: Option<&Hit>,
         glossy_pdf: f32,
     ) -> Option<ArrivingLight> {
-        let towards = |direction| self.sky.seen(self.samples(side).eval(direction), glossy_pdf);
+        let towards = |direction| {
+            let light = samples.light(direction, &self.sky.texel(direction));
+            self.sky.seen(light, glossy_pdf)
+        };
         let Some(hit) = hit else {
             let light = towards(ray.direction);
             // As seen from the point of capture, the sky in this direction may be behind a wall.

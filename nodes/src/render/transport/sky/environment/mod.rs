@@ -62,9 +62,9 @@ const BRIGHT: f64 = 16.0;
 #[derive(Debug)]
 pub struct EnvironmentLight {
     pub(crate) texel_grid: TexelGrid,
-    /// Radiance of each texel, and the density of the texel within its cell.
+    /// Radiance of each texel, and the density of the texel within its cell. The sign bit of the density is set for
+    /// texels of the bright tier.
     pub(crate) texels: Vec<[f32; 4]>,
-    bright: Vec<bool>,
     pub(crate) tiers: [LightCells; TIERS],
     /// SIMD level. Every level gives the same bits.
     pub(crate) level: Level,
@@ -123,7 +123,7 @@ impl EnvironmentLight {
         let mut tier = |k: usize, weights: Vec<f32>| {
             LightCells::new(&texel_grid, weights, CELLS[k], &mut |texel, pdf| {
                 if bright[texel] == (k == 0) {
-                    texels[texel][3] = pdf;
+                    texels[texel][3] = if k == 0 { -pdf } else { pdf };
                 }
             })
         };
@@ -135,7 +135,7 @@ impl EnvironmentLight {
             ..0.7 => [1, 4],
             _ => [2, 2],
         };
-        Self { texel_grid, texels, bright, tiers, level: Level::new(), lights, broken, power }
+        Self { texel_grid, texels, tiers, level: Level::new(), lights, broken, power }
     }
 
     /// Maximum radiance, and an upper bound of the irradiance of any surface, per channel.
@@ -259,7 +259,7 @@ impl EnvironmentLight {
     #[inline]
     pub fn light(&self, &DrawnDirection { direction, texel, expected }: &DrawnDirection) -> LightSample {
         let [r, g, b, pdf] = self.texels[texel as usize];
-        LightSample { direction, radiance: Vec3::new(r, g, b), pdf: expected * pdf }
+        LightSample { direction, radiance: Vec3::new(r, g, b), pdf: expected * pdf.abs() }
     }
 
     /// Takes a single light sample for a surface with the given unit normal, or, for `None`, a surface that is lit
@@ -342,10 +342,15 @@ impl EnvironmentLight {
     /// The texel that contains a unit direction.
     #[inline]
     pub(crate) fn texel(&self, direction: Vec3) -> TexelFound {
-        let texel = self.texel_grid.texel(direction);
+        self.texel_at(self.texel_grid.texel(direction))
+    }
+
+    /// The texel in a column and row.
+    #[inline]
+    pub(crate) fn texel_at(&self, texel: (usize, usize)) -> TexelFound {
         let at = texel.1 * self.texel_grid.width + texel.0;
         let [r, g, b, pdf] = self.texels[at];
-        let tier = usize::from(!self.bright[at]);
+        let (tier, pdf) = (usize::from(pdf.is_sign_positive()), pdf.abs());
         TexelFound { tier, cell: self.tiers[tier].cell(texel), radiance: Vec3::new(r, g, b), pdf }
     }
 }
