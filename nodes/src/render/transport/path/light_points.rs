@@ -142,9 +142,9 @@ impl LightPoints {
         let mut irradiance = Vec3::ZERO;
         dispatch!(self.level, simd => {
             for lights in &self.wide {
-                let light = lights.irradiance(simd, place, normal);
-                for lane in 0..LANES {
-                    irradiance += Vec3::new(light[0][lane], light[1][lane], light[2][lane]);
+                let [red, green, blue] = lights.irradiance(simd, place, normal);
+                for ((red, green), blue) in red.into_iter().zip(green).zip(blue) {
+                    irradiance += Vec3::new(red, green, blue);
                 }
             }
         });
