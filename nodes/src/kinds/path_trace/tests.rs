@@ -24,6 +24,7 @@ mod lamps;
 mod materials;
 mod media;
 mod near_field;
+mod receiver_paths;
 mod samplers;
 mod sampling;
 mod touching;

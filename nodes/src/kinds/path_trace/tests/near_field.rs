@@ -145,12 +145,15 @@ fn light_samples_follow_their_density() {
             let [expected] = bins.integrals(24, |d| {
                 let ray = Ray::new(point, d);
                 let hit = receiver.bvh.closest(ray, |_| true);
-                [near.eval(ray, side, hit.as_ref(), 0.0).map_or(0.0, |(light, _)| light.pdf * n as f32)]
+                [near
+                    .eval(ray, &near.samples(side), hit.as_ref(), 0.0)
+                    .map_or(0.0, |(light, _)| light.pdf * n as f32)]
             });
             let mut counts = vec![0.0; bins.len()];
             for i in 0..n {
-                let bits = Points::new(stream(2, i, 0), 0).bits(0);
-                let (light, place) = near.sample(point, side, bits).expect("light");
+                let points = Points::new(stream(2, i, 0), 0);
+                let [sample, ..] = near.sample((point, near.samples(side)), points, 1, 0);
+                let (light, place) = sample.expect("light");
                 let ray = NearFieldLight::towards(Ray::new(point, light.direction), place.as_ref());
                 // Surfaces that the point cannot see from its side have no light.
                 if light.radiance != Vec3::ZERO && near.reaches(ray, place.as_ref()) {

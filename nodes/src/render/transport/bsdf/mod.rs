@@ -16,21 +16,20 @@ mod glass;
 mod gloss;
 mod layers;
 mod lobe;
+mod matte;
 mod params;
 mod sheen;
 #[cfg(test)]
 mod tests;
 mod thin_film;
 
-use std::f32::consts::FRAC_1_PI;
-
 use glam::Vec3;
 
 use crate::geometry::sampling::Points;
 pub use frame::Frame;
-use frame::cosine;
 pub use layers::{Layers, straight};
 pub use lobe::{Lobe, Scatter};
+pub use matte::Matte;
 pub use params::BsdfParams;
 
 /// Normal for which the mirror direction of the viewer is above the surface. It lies between `bent` and the surface
@@ -58,12 +57,7 @@ pub fn mirroring(bent: Vec3, surface: Vec3, out: Vec3) -> Vec3 {
 )]
 pub enum Bsdf {
     /// Lambertian reflection, used for the receiver.
-    Matte {
-        /// Frame around the geometric normal on the side of the viewer.
-        frame: Frame,
-        /// Linear albedo.
-        albedo: Vec3,
-    },
+    Matte(Matte),
     /// A material of an object.
     Layers(Layers),
 }
@@ -71,14 +65,14 @@ pub enum Bsdf {
 impl Bsdf {
     /// A matte surface with an albedo. `normal` is the geometric normal on the side of the viewer.
     pub fn matte(normal: Vec3, albedo: Vec3) -> Self {
-        Self::Matte { frame: Frame::around(normal), albedo }
+        Self::Matte(Matte::new(normal, albedo))
     }
 
     /// Unit normal of the side from which the surface receives all of its light. `None` if it receives light from
     /// both sides.
     pub fn lit_side(&self) -> Option<Vec3> {
         match self {
-            Self::Matte { frame, .. } => Some(frame.normal()),
+            Self::Matte(matte) => Some(matte.normal()),
             Self::Layers(layers) => layers.lit_side(),
         }
     }
@@ -86,20 +80,20 @@ impl Bsdf {
     /// Share of the emission of the base that clearcoat and sheen transmit to the viewer.
     pub fn under(&self) -> f32 {
         match self {
-            Self::Matte { .. } => 1.0,
+            Self::Matte(_) => 1.0,
             Self::Layers(layers) => layers.under(),
         }
     }
 
     /// True if the surface is matte and opaque, so that light samples alone find all of its light.
     pub fn is_matte(&self) -> bool {
-        matches!(self, Self::Matte { .. })
+        matches!(self, Self::Matte(_))
     }
 
     /// Albedo of a matte surface. `None` for other surfaces.
     pub fn matte_albedo(&self) -> Option<Vec3> {
         match self {
-            Self::Matte { albedo, .. } => Some(*albedo),
+            Self::Matte(matte) => Some(matte.albedo),
             Self::Layers(_) => None,
         }
     }
@@ -107,10 +101,7 @@ impl Bsdf {
     /// Evaluates the diffuse and specular lobes for light from the unit direction `incident`.
     pub fn eval(&self, incident: Vec3) -> [Scatter; 2] {
         match self {
-            Self::Matte { frame, albedo } => {
-                let pdf = incident.dot(frame.normal()).max(0.0) * FRAC_1_PI;
-                [Scatter { value: *albedo * pdf, pdf }, Scatter::default()]
-            }
+            Self::Matte(matte) => [matte.eval(incident), Scatter::default()],
             Self::Layers(layers) => layers.eval(incident),
         }
     }
@@ -118,10 +109,12 @@ impl Bsdf {
     /// Samples a class of lobes and an incident direction. Also returns the value and density of this class for the
     /// direction. `None` if the direction is on the wrong side of the surface.
     pub fn sample(&self, points: &Points, pair: u32) -> Option<(Lobe, Vec3, Scatter)> {
-        let point = points.pair(pair);
         let (lobe, incident) = match self {
-            Self::Matte { frame, .. } => (Lobe::Diffuse, frame.from(cosine(point))),
-            Self::Layers(layers) => layers.sample(point, points.pair(pair + 1)[0])?,
+            Self::Matte(matte) => {
+                let (incident, scatter) = matte.sample(points, pair)?;
+                return Some((Lobe::Diffuse, incident, scatter));
+            }
+            Self::Layers(layers) => layers.sample(points.pair(pair), points.pair(pair + 1)[0])?,
         };
         let incident = incident.normalize_or_zero();
         let scatter = self.eval(incident)[lobe as usize];

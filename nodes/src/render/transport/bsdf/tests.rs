@@ -138,7 +138,7 @@ fn bent_mirrors_keep_all_light() {
         let out = towards(cosine);
         for i in 0..64 {
             let [u, v] = Points::new(9, i).pair(0);
-            let bent = cosine_towards(out, super::cosine([u, v]));
+            let bent = cosine_towards(out, frame::cosine([u, v]));
             let normal = mirroring(bent, Vec3::Z, out);
             let layers = Layers::new([Frame::around(normal); 3], Vec3::Z, out, &metal(0.0));
             let (_, seen, s) = Bsdf::Layers(layers).sample(&Points::new(1, 7), 0).expect("light from above");
@@ -360,7 +360,7 @@ fn a_lamp_is_mirrored_or_given_back() {
         for cosine in [0.087, 0.292, 0.7, 1.0] {
             let (lamp, n) = (towards(cosine), 4096);
             let given = (0..n).map(|i| {
-                let viewer = super::cosine(Points::new(3, i).pair(0));
+                let viewer = frame::cosine(Points::new(3, i).pair(0));
                 f64::from(surface(&white, viewer).eval(lamp)[Lobe::Diffuse as usize].value.x / lamp.z)
             });
             let given = given.sum::<f64>() * std::f64::consts::PI / f64::from(n);

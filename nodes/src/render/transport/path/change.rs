@@ -6,7 +6,9 @@
 
 use glam::Vec3;
 
+use super::direct_light::NEAR_LIGHTS;
 use super::integrator::{Integrator, Pass, Scene};
+use super::near_draws::NearSamples;
 use super::path::{PathState, ShadingPoint, Vertex};
 use crate::geometry::bvh::{Hit, Ray};
 use crate::geometry::sampling::{Points, unit};
@@ -26,6 +28,8 @@ const RAYS: f32 = 1.0;
 pub struct ChangeSampling<'a> {
     /// Sampled directions of the part of the sky that the objects can block.
     pub drawn: &'a [DrawnDirection],
+    /// Light samples of near light.
+    pub(crate) arriving: Option<&'a NearSamples>,
     /// Probability that a sample estimates the change; see [`estimates_change`].
     pub probability: f32,
     /// Point from which the cone of directions to the objects is computed.
@@ -140,7 +144,18 @@ impl<'a> Integrator<'a> {
     fn paired_estimate(&mut self, hit: Hit, ray: Ray, sampling: &ChangeSampling<'_>) -> Vec3 {
         let lamps = !self.scene.objects.emitters.is_empty();
         let towards = if lamps { towards(sampling) } else { Towards::NOWHERE };
-        let pass = Pass { lift: sampling.lift, towards, ..self.pass };
+        let arriving = sampling.arriving;
+        if arriving.is_some() {
+            self.tally.rays.shadow += u64::from(NEAR_LIGHTS);
+        }
+        let pass = Pass { lift: sampling.lift, towards, arriving, ..self.pass };
+        if !lamps {
+            // Most paths touch no object, which takes fewer rays to find out than the light.
+            self.with(Pass { touch_only: true, ..pass }, |own| own.radiance(Vertex::Receiver(hit), ray));
+            if !self.tally.touched {
+                return Vec3::ZERO;
+            }
+        }
         let with = self.with(pass, |own| own.radiance(Vertex::Receiver(hit), ray));
         if !self.tally.touched {
             return Vec3::ZERO;

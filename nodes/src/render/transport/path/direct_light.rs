@@ -3,6 +3,7 @@
 use glam::Vec3;
 
 use super::integrator::Integrator;
+use super::near_draws::{MOST, NearSamples};
 use super::near_field::{ArrivingLight, NearFieldLight};
 use super::path::ShadingPoint;
 use crate::geometry::bvh::{Hit, Ray};
@@ -26,7 +27,7 @@ const DIMMING_PIECE: u32 = 7 << 16;
 /// Maximum number of light samples per vertex.
 const MANY: usize = 5;
 /// Number of light samples of near light at the first vertex.
-const NEAR_LIGHTS: u32 = 4;
+pub(crate) const NEAR_LIGHTS: u32 = MOST as u32;
 
 /// Number of light samples of near light at a vertex.
 pub(crate) fn near_lights(at: &ShadingPoint) -> u32 {
@@ -89,21 +90,36 @@ impl<'a> Integrator<'a> {
         }
     }
 
-    fn lit_by_receiver(&mut self, near: &NearFieldLight<'_>, at: &ShadingPoint) -> Vec3 {
+    fn lit_by_receiver(&mut self, near: &NearFieldLight<'a>, at: &ShadingPoint) -> Vec3 {
         let (surface, lights) = (&at.surface, near_lights(at));
+        let own;
+        let samples = match self.pass.arriving.filter(|_| at.is_first()) {
+            Some(arriving) => arriving,
+            None => {
+                own = self.near_samples(near, at);
+                &own
+            }
+        };
         let mut lit = Vec3::ZERO;
-        for number in 0..lights {
+        for (number, arriving) in (0..lights).zip(samples) {
+            let Some(arriving) = arriving else { continue };
             let points = self.pass.points.twig(number, lights);
-            self.tally.rays.shadow += 1;
-            let side = surface.bsdf.lit_side();
-            let Some(mut arriving) = near.sample(surface.looks_from(), side, points.bits(at.pair)) else {
-                continue;
-            };
-            arriving.0.pdf *= lights as f32;
             let key = at.key.wrapping_add(number);
-            lit += self.light_sample(surface, &arriving, Some((near, (points, at.pair))), key);
+            lit += self.light_sample(surface, arriving, Some((near, (points, at.pair))), key);
+            if self.may_stop() {
+                break;
+            }
         }
         lit
+    }
+
+    /// Light samples of near light at a vertex, with their densities. Entries are `None` where no light comes from
+    /// the lit side.
+    pub(crate) fn near_samples(&mut self, near: &NearFieldLight<'a>, at: &ShadingPoint) -> NearSamples {
+        let (surface, lights) = (&at.surface, near_lights(at));
+        self.tally.rays.shadow += u64::from(lights);
+        let vertex = (surface.looks_from(), near.samples(surface.bsdf.lit_side()));
+        near.sample(vertex, self.pass.points, lights, at.pair)
     }
 
     fn lit_by_sky(&mut self, at: &ShadingPoint) -> Vec3 {
@@ -201,8 +217,8 @@ impl<'a> Integrator<'a> {
                 }
             }
             None if distributions.iter().any(|distribution| distribution.power > 0.0) => {
-                let (tier, point) = sky.tier(distributions, self.pass.points.bits(pair));
                 let numbers = sky.numbers(distributions, None);
+                let (tier, point) = sky.tier(numbers, self.pass.points.bits(pair));
                 found.push(sky.draw_one(tier, distributions[tier], numbers[tier], point));
             }
             None => {}
@@ -279,7 +295,7 @@ impl<'a> Integrator<'a> {
             let dimming = self.dimming(near, arriving, points, key);
             unshaded = unshaded.map(|passes| passes * dimming);
         }
-        if unshaded == [Vec3::ZERO; 2] {
+        if unshaded == [Vec3::ZERO; 2] || self.pass.touch_only {
             return Vec3::ZERO;
         }
         let mut arrived = Vec3::ZERO;

@@ -3,6 +3,7 @@
 use glam::Vec3;
 
 use super::light_points::LightPoints;
+use super::near_draws::NearSamples;
 use super::near_field::NearFieldLight;
 use super::path::{Path, PathState, ShadingPoint, Vertex, first_pair};
 use super::rays::Rays;
@@ -51,6 +52,11 @@ pub struct Pass<'a> {
     pub distributions: Option<Distributions<'a>>,
     /// Light samples of the first vertex, if they are already drawn.
     pub drawn: Option<&'a [DrawnDirection]>,
+    /// Light samples of near light at the first vertex, if they are already drawn.
+    pub(crate) arriving: Option<&'a NearSamples>,
+    /// True if only [`Tally::touched`] is wanted. Rays that affect only the light are not traced, the light is
+    /// meaningless, and paths end when an object is touched. Used under near light.
+    pub(crate) touch_only: bool,
     /// Offset added to the origin of rays to objects from the first vertex; see [`Surface::lift`].
     pub lift: Vec3,
     /// Sampling of rays from the first vertex towards the objects, in addition to scattered rays.
@@ -68,6 +74,8 @@ impl Pass<'_> {
             lamps: true,
             distributions: None,
             drawn: None,
+            arriving: None,
+            touch_only: false,
             lift: Vec3::ZERO,
             towards: Towards::NOWHERE,
             spread: 0.0,
@@ -115,11 +123,19 @@ impl<'a> Integrator<'a> {
     }
 
     /// Runs `trace` with other settings and returns its result. The tally includes the rays that `trace` casts.
-    pub(crate) fn with<T>(&mut self, pass: Pass<'a>, trace: impl FnOnce(&mut Self) -> T) -> T {
-        let mut sub = Self { scene: self.scene, key: self.key, pass, tally: self.tally };
+    pub(crate) fn with<'b, T>(&mut self, pass: Pass<'b>, trace: impl FnOnce(&mut Integrator<'b>) -> T) -> T
+    where
+        'a: 'b,
+    {
+        let mut sub = Integrator { scene: self.scene, key: self.key, pass, tally: self.tally };
         let result = trace(&mut sub);
         self.tally = sub.tally;
         result
+    }
+
+    /// True if a path that only looks for objects has touched one.
+    pub(crate) fn may_stop(&self) -> bool {
+        self.pass.touch_only && self.tally.touched
     }
 
     /// Receiver surface at a hit, outside all bodies, with the offset `lift` for rays to objects.
@@ -205,10 +221,16 @@ impl<'a> Integrator<'a> {
             return None;
         }
         path.light += rules.clamped(bounce, throughput * self.lit(&at));
+        if self.may_stop() {
+            return None;
+        }
         let towards = self.towards_objects(&path.vertex, &at);
         path.light += rules.clamped(bounce, throughput * self.sample_emitters(&at, &towards));
         path.light += self.sent(&at, &towards, (throughput, share), Self::path_radiance);
         let scattered = self.scatter(path, &at)?;
+        if self.may_stop() {
+            return None;
+        }
         self.collect(path, &at, &scattered)?;
         self.go_on(path, &towards, scattered)
     }
@@ -238,10 +260,15 @@ impl<'a> Integrator<'a> {
     /// Throughput after Russian roulette. `None` if the path ends. The factor `share` of the throughput (see
     /// [`PathState::share`]) has no effect on the survival probability.
     pub(crate) fn russian_roulette(&self, bounce: u32, throughput: Vec3, share: f32) -> Option<Vec3> {
-        if bounce + 1 < ROULETTE_FROM {
-            return Some(throughput);
-        }
-        let survival = (throughput.max_element() / share).clamp(0.05, 0.95);
-        (unit(self.pass.points.bits(first_pair(bounce) + 3)[0]) < survival).then(|| throughput / survival)
+        russian_roulette(&self.pass.points, bounce, throughput, share)
     }
+}
+
+/// Throughput after Russian roulette with the random numbers of a sample; see [`Integrator::russian_roulette`].
+pub(crate) fn russian_roulette(points: &Points, bounce: u32, throughput: Vec3, share: f32) -> Option<Vec3> {
+    if bounce + 1 < ROULETTE_FROM {
+        return Some(throughput);
+    }
+    let survival = (throughput.max_element() / share).clamp(0.05, 0.95);
+    (unit(points.bits(first_pair(bounce) + 3)[0]) < survival).then(|| throughput / survival)
 }

@@ -80,6 +80,9 @@ impl Integrator<'_> {
         }
         let start = at.surface.medium(direction);
         let (passed, media) = self.along(to_objects, at.key ^ 1, lobe, Some(&vertex), start);
+        if self.may_stop() {
+            return Vec3::ZERO;
+        }
         let albedo = light_points.albedo(place.position, place.normal, light.radiance);
         let throughput = throughput * passed * albedo;
         let Some(throughput) = self.russian_roulette(bounce, throughput, share) else { return Vec3::ZERO };

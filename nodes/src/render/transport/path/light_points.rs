@@ -10,7 +10,10 @@
 use std::f32::consts::TAU;
 use std::f64::consts::PI;
 
+use fearless_simd::{Level, dispatch};
 use glam::{DVec3, Vec3};
+
+use super::wide_lights::{LANES, WideLights};
 
 use crate::geometry::bvh::Ray;
 use crate::geometry::sampling::{Points, circle, fraction, stream};
@@ -30,19 +33,28 @@ const SPREAD: u32 = 4;
 
 /// A virtual light.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct LightPoint {
+pub(super) struct LightPoint {
     /// Position on the receiver, or unit direction to the sky.
-    at: Vec3,
+    pub(super) at: Vec3,
     /// Unit normal of the receiver on the side of the point of capture; `None` for the sky.
-    normal: Option<Vec3>,
-    radiance: Vec3,
+    pub(super) normal: Option<Vec3>,
+    pub(super) radiance: Vec3,
     /// Area on the receiver, or solid angle of the sky.
-    size: f32,
+    pub(super) size: f32,
 }
 
 /// The virtual lights.
 #[derive(Debug)]
-pub struct LightPoints(Vec<LightPoint>);
+pub struct LightPoints {
+    lights: Vec<LightPoint>,
+    /// The same lights in groups of eight. The last group may have empty lanes.
+    wide: Vec<WideLights>,
+    /// SIMD level. Every level gives the same bits.
+    level: Level,
+}
+
+// A block is a whole number of groups.
+const _: () = assert!(BLOCK.is_multiple_of(LANES));
 
 /// Direction and distance from a point to a virtual light.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -56,7 +68,7 @@ pub struct WayToLight {
 impl LightPoints {
     /// Memory use in bytes.
     pub fn bytes(&self) -> u64 {
-        size_of_val(&*self.0) as u64
+        (size_of_val(&*self.lights) + size_of_val(&*self.wide)) as u64
     }
 
     /// Samples lights that are visible from a point of capture, most of them with about equal power at that point.
@@ -80,7 +92,12 @@ impl LightPoints {
             let size = solid_angle * hit.t * hit.t / cosine.abs().max(1e-6);
             Some(LightPoint { at: surface.position, normal: Some(normal), radiance, size })
         };
-        Self((0..POINTS as u32).filter_map(point).collect())
+        Self::of((0..POINTS as u32).filter_map(point).collect())
+    }
+
+    fn of(lights: Vec<LightPoint>) -> Self {
+        let wide = lights.chunks(LANES).map(WideLights::new).collect();
+        Self { lights, wide, level: Level::new() }
     }
 
     /// Chooses a light for each channel from one block of lights, in proportion to its contribution to a point. For
@@ -94,19 +111,25 @@ impl LightPoints {
         [block, choice]: [u32; 2],
         within: [f32; 2],
     ) -> [Option<WayToLight>; 3] {
-        let blocks = self.0.len().div_ceil(BLOCK);
+        let blocks = self.lights.len().div_ceil(BLOCK);
         let at = ((u64::from(block) * blocks as u64) >> 32) as usize;
-        let Some(block) = self.0.chunks(BLOCK).nth(at) else { return [None; 3] };
+        let Some(block) = self.lights.chunks(BLOCK).nth(at) else { return [None; 3] };
         let mut sums = [DVec3::ZERO; BLOCK];
         let mut sum = DVec3::ZERO;
-        for (point, slot) in block.iter().zip(&mut sums) {
-            sum += point.seen_from(place, normal).1.as_dvec3();
-            *slot = sum;
-        }
+        let wide = self.wide[at * (BLOCK / LANES)..].iter().take(BLOCK / LANES);
+        dispatch!(self.level, simd => {
+            for (lights, slots) in wide.zip(sums.chunks_exact_mut(LANES)) {
+                let light = lights.irradiance(simd, place, normal);
+                for (lane, slot) in slots.iter_mut().enumerate() {
+                    sum += DVec3::from_array([0, 1, 2].map(|k| f64::from(light[k][lane])));
+                    *slot = sum;
+                }
+            }
+        });
         let wanted = sum * fraction(choice);
         [0, 1, 2].map(|k| {
-            let chosen = &block[sums.iter().position(|up_to| up_to[k] > wanted[k])?];
-            let way = chosen.seen_from(place, normal).0;
+            let chosen = block.get(sums.iter().position(|up_to| up_to[k] > wanted[k])?)?;
+            let way = chosen.seen_from(place);
             let direction = if chosen.normal.is_some() { way.direction } else { chosen.within(within) };
             Some(WayToLight { direction, ..way })
         })
@@ -116,7 +139,15 @@ impl LightPoints {
     /// that the panorama shows, and is the albedo of the point if the panorama is accurate. Occlusion by the
     /// receiver is ignored.
     pub fn albedo(&self, place: Vec3, normal: Vec3, radiance: Vec3) -> Vec3 {
-        let irradiance: Vec3 = self.0.iter().map(|point| point.seen_from(place, normal).1).sum();
+        let mut irradiance = Vec3::ZERO;
+        dispatch!(self.level, simd => {
+            for lights in &self.wide {
+                let [red, green, blue] = lights.irradiance(simd, place, normal);
+                for ((red, green), blue) in red.into_iter().zip(green).zip(blue) {
+                    irradiance += Vec3::new(red, green, blue);
+                }
+            }
+        });
         let albedo = radiance * (0.5 * TAU) / irradiance;
         Vec3::select(irradiance.cmpgt(Vec3::ZERO), albedo, Vec3::ZERO).min(Vec3::ONE)
     }
@@ -127,7 +158,7 @@ impl LightPoints {
         let angle = |solid_angle: f64| num::f64::acos(1.0 - (solid_angle / (2.0 * PI)).min(2.0));
         // For a piece of the sky: the direction of its centre, its angular radius, and its largest share within the
         // narrow cone.
-        let pieces = self.0.iter().filter(|point| point.normal.is_none()).map(|point| {
+        let pieces = self.lights.iter().filter(|point| point.normal.is_none()).map(|point| {
             let size = f64::from(point.size);
             (point.at.as_dvec3(), angle(size), (solid_angle / size).min(1.0))
         });
@@ -143,7 +174,7 @@ impl LightPoints {
             there.iter().filter(apart).map(|(.., most)| most).sum()
         };
         let most = there.iter().map(around).fold(0.0, f64::max);
-        (most / self.0.len().div_ceil(BLOCK).max(1) as f64).min(1.0)
+        (most / self.lights.len().div_ceil(BLOCK).max(1) as f64).min(1.0)
     }
 }
 
@@ -157,22 +188,14 @@ impl LightPoint {
         Frame::around(self.at).from(Vec3::new(radius * cos, radius * sin, 1.0 - below))
     }
 
-    /// Direction and distance to the light from a point, and the irradiance that it contributes there.
-    fn seen_from(&self, place: Vec3, normal: Vec3) -> (WayToLight, Vec3) {
-        let (direction, distance, solid_angle) = match self.normal {
-            None => (self.at, f32::INFINITY, self.size),
-            Some(own) => {
-                let to = self.at - place;
-                let distance = to.length();
-                let direction = to / distance;
-                // At close range the piece fills at most half of all directions.
-                let solid_angle = self.size * -own.dot(direction) / (distance * distance);
-                (direction, distance, solid_angle.min(TAU))
-            }
-        };
-        let irradiance = self.radiance * solid_angle.max(0.0) * normal.dot(direction).max(0.0);
-        let irradiance = if irradiance.is_finite() { irradiance } else { Vec3::ZERO };
-        (WayToLight { direction, distance }, irradiance)
+    /// Direction and distance to the light from a point.
+    fn seen_from(&self, place: Vec3) -> WayToLight {
+        if self.normal.is_none() {
+            return WayToLight { direction: self.at, distance: f32::INFINITY };
+        }
+        let to = self.at - place;
+        let distance = to.length();
+        WayToLight { direction: to / distance, distance }
     }
 }
 

@@ -6,10 +6,13 @@ pub(crate) mod double_count;
 pub mod integrator;
 pub(crate) mod lamp_light;
 pub(crate) mod light_points;
+pub(crate) mod near_draws;
 pub mod near_field;
 #[expect(clippy::module_inception, reason = "the module contains the type of the same name")]
 pub(crate) mod path;
 pub(crate) mod rays;
+pub(crate) mod receiver_paths;
 pub(crate) mod scattering;
 pub(crate) mod transmittance;
 pub mod visibility;
+pub(crate) mod wide_lights;

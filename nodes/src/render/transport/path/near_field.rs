@@ -14,9 +14,12 @@
 
 use glam::Vec3;
 
+use super::near_draws::{NearDraws, NearSamples};
 use crate::geometry::bvh::{Hit, Ray};
+use crate::geometry::sampling::Points;
 use crate::math::color::luminance;
 use crate::render::transport::scene::receiver::Receiver;
+use crate::render::transport::sky::defensive::DefensiveSampling;
 use crate::render::transport::sky::environment::{EnvironmentLight, LightSample};
 
 /// Relative distance below which two surfaces count as one. A captured mesh is not more accurate than this: where a
@@ -56,10 +59,31 @@ pub type ArrivingLight = (LightSample, Option<EmissivePoint>);
 
 impl<'a> NearFieldLight<'a> {
     fn place(&self, hit: &Hit) -> EmissivePoint {
-        let surface = self.receiver.surface(hit);
-        let towards = (self.eye - surface.position).dot(surface.normal);
-        let normal = if towards < 0.0 { -surface.normal } else { surface.normal };
-        EmissivePoint { position: surface.position, normal, margin: surface.margin, triangle: hit.triangle }
+        let (position, normal, margin) = self.receiver.geometry(hit);
+        let towards = (self.eye - position).dot(normal);
+        let normal = if towards < 0.0 { -normal } else { normal };
+        EmissivePoint { position, normal, margin, triangle: hit.triangle }
+    }
+
+    /// Light samples for surfaces that are lit from one side, or from all directions if `side` is `None`.
+    pub fn samples(&self, side: Option<Vec3>) -> DefensiveSampling<'a> {
+        DefensiveSampling::new(self.sky, side)
+    }
+
+    /// Takes light samples for `point` at sub-samples of `points`, from the pair of sample dimensions `pair`, into
+    /// the first `count` entries of the result. Traces one ray for each. Entries are `None` where no light comes
+    /// from the lit side.
+    pub(crate) fn sample(
+        &self,
+        (point, samples): (Vec3, DefensiveSampling<'a>),
+        points: Points,
+        count: u32,
+        pair: u32,
+    ) -> NearSamples {
+        let mut draws = NearDraws::new(*self, count, pair);
+        draws.push(point, samples, points);
+        draws.draw();
+        draws.of(0)
     }
 
     /// Ratio of the solid angles that a surface element subtends at the point of capture and at `point`. 0 if these
@@ -75,19 +99,18 @@ impl<'a> NearFieldLight<'a> {
         if other > 0.0 && spread.is_finite() { spread.max(0.0) } else { 0.0 }
     }
 
-    /// Samples light for a point that is lit from one side, or from all directions if `side` is `None`. Traces one
-    /// ray. The radiance is 0 if the point sees the wrong side of the emitter; other occlusion is tested by
-    /// [`reaches`](Self::reaches). `None` if no light comes from that side.
-    pub fn sample(&self, point: Vec3, side: Option<Vec3>, bits: [u32; 2]) -> Option<ArrivingLight> {
-        let light = self.sky.sample_defensive(side, bits)?;
+    /// Light that arrives at `point` from the emitting point that lies in the direction of a light sample as seen
+    /// from the point of capture. Traces one ray. The radiance is 0 if the point sees the wrong side of the emitter;
+    /// other occlusion is tested by [`reaches`](Self::reaches).
+    pub fn arriving(&self, point: Vec3, light: LightSample) -> ArrivingLight {
         let Some(hit) = self.receiver.bvh.closest(Ray::new(self.eye, light.direction), |_| true) else {
-            return Some((light, None));
+            return (light, None);
         };
         let place = self.place(&hit);
         let pdf = light.pdf * self.spread(&place, point);
         let direction = (place.position - point).normalize_or_zero();
         let radiance = if pdf > 0.0 && pdf.is_finite() { light.radiance } else { Vec3::ZERO };
-        Some((LightSample { direction, radiance, pdf }, Some(place)))
+        (LightSample { direction, radiance, pdf }, Some(place))
     }
 
     /// Ray shortened so that it ends just before a light.
@@ -107,17 +130,20 @@ impl<'a> NearFieldLight<'a> {
     }
 
     /// Light along a ray that hits the receiver at `hit`, or misses the receiver if `hit` is `None`. The density of
-    /// the result is the density with which [`sample`](Self::sample) chooses this light for the origin of the ray.
+    /// the result is the density with which light samples choose this light for the origin of the ray.
     /// `None` if the hit is not visible from the point of capture. `glossy_pdf` is the density of the ray if a
     /// glossy lobe scattered it, otherwise 0; see [`EnvironmentLight::seen`]. Traces one ray.
     pub fn eval(
         &self,
         ray: Ray,
-        side: Option<Vec3>,
+        samples: &DefensiveSampling<'_>,
         hit: Option<&Hit>,
         glossy_pdf: f32,
     ) -> Option<ArrivingLight> {
-        let towards = |direction| self.sky.seen(self.sky.eval_defensive(side, direction), glossy_pdf);
+        let towards = |direction| {
+            let light = samples.light(direction, &self.sky.texel(direction));
+            self.sky.seen(light, glossy_pdf)
+        };
         let Some(hit) = hit else {
             let light = towards(ray.direction);
             // As seen from the point of capture, the sky in this direction may be behind a wall.

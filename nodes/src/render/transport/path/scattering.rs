@@ -101,8 +101,8 @@ impl Integrator<'_> {
         match self.scene.near() {
             Some(near) if landed.is_some() || object.is_none() => {
                 self.tally.rays.scattered += 1;
-                let side = at.surface.bsdf.lit_side();
-                if let Some(arriving) = near.eval(ray, side, landed.as_ref(), scattered.glossy_pdf()) {
+                let samples = near.samples(at.surface.bsdf.lit_side());
+                if let Some(arriving) = near.eval(ray, &samples, landed.as_ref(), scattered.glossy_pdf()) {
                     let dimming = self.dimming(&near, &arriving, (self.pass.points, at.pair + 1), at.key);
                     let pdf = near_lights(at) as f32 * arriving.0.pdf;
                     let arrived = arriving.0.radiance * power_heuristic(scattered.pdf, pdf);

@@ -12,9 +12,13 @@ use super::tile_bounds::TileBounds;
 use crate::geometry::bvh::{Hit, Ray};
 use crate::math::color::luminance;
 use crate::render::transport::path::change::{ChangeSampling, estimates_change, rays_towards};
+use crate::render::transport::path::direct_light::NEAR_LIGHTS;
 use crate::render::transport::path::integrator::{Integrator, Pass, Scene};
+use crate::render::transport::path::near_draws::NearDraws;
 use crate::render::transport::path::path::{Vertex, first_pair};
 use crate::render::transport::path::rays::Rays;
+use crate::render::transport::path::receiver_paths::{ReceiverPaths, TOGETHER};
+use crate::render::transport::sky::defensive::DefensiveSampling;
 use crate::render::transport::sky::light_draws::LightDraws;
 
 /// Index of the pair of sample dimensions that decides the coverage of blended surfaces for camera rays.
@@ -59,18 +63,26 @@ pub(crate) fn trace_r0(
             Some((sample.points, distributions.unwrap_or_else(usual)))
         })
     });
-    for samples in tile.samples.chunks_exact(each) {
-        let mut sums = [0.0; R0];
+    let mut paths = ReceiverPaths::new(scene);
+    let mut lights = Vec::with_capacity(tile.samples.len());
+    for samples in tile.samples.chunks(TOGETHER) {
         for sample in samples {
-            let drawn = Some(draws.next_vertex()).filter(|_| far);
-            let pass = Pass { distributions, drawn, ..Pass::new(sample.points, false) };
-            let mut integrator = Integrator::new(scene, sample.key, pass);
-            let light = match sample.hit {
-                Some(hit) => integrator.radiance(Vertex::Receiver(hit), sample.ray),
-                None => scene.sky.background(sample.ray.direction),
-            };
-            sums_of_tile.rays += integrator.tally.rays;
-            sums_of_tile.rays.camera += 1;
+            let drawn = draws.next_vertex();
+            if let Some(hit) = &sample.hit {
+                paths.push(sample.points, hit, drawn);
+            }
+        }
+        let mut found = paths.radiance().iter().copied();
+        lights.extend(samples.iter().map(|sample| match sample.hit {
+            Some(_) => found.next().unwrap_or_default(),
+            None => scene.sky.background(sample.ray.direction),
+        }));
+    }
+    sums_of_tile.rays += paths.rays;
+    sums_of_tile.rays.camera += tile.samples.len() as u64;
+    for lights in lights.chunks_exact(each) {
+        let mut sums = [0.0; R0];
+        for &light in lights {
             if add(&mut sums, light, &mut sums_of_tile.broken) {
                 sums[3] += squared_luminance(light);
             }
@@ -137,8 +149,18 @@ pub(crate) fn trace_pair(
             Some((sample.points, distributions.unwrap_or_else(usual)))
         })
     });
+    let mut near_draws = scene.near().map(|near| NearDraws::new(near, NEAR_LIGHTS, first_pair(0)));
     for (samples, pixel) in tile.samples.chunks_exact((range.1 - range.0) as usize).zip(pixels) {
         let mut sums = [0.0; PAIR];
+        if let Some(draws) = &mut near_draws {
+            draws.restart(NEAR_LIGHTS, first_pair(0));
+            for (sample, hit) in samples.iter().filter_map(|sample| Some((sample, sample.hit?))) {
+                let (position, normal, _) = scene.receiver.geometry(&hit);
+                draws.push(position, DefensiveSampling::new(scene.sky, Some(normal)), sample.points);
+            }
+            draws.draw();
+        }
+        let mut vertex = 0;
         let mut change = [0.0; 3];
         let mut touched = false;
         let shows = camera_rays.may_show(objects, *pixel);
@@ -150,9 +172,13 @@ pub(crate) fn trace_pair(
                 show(scene, camera_rays, sample, |_| reach, &mut sums, &mut sums_of_tile);
             }
             let Some((start, hit, shift)) = landed else { continue };
+            let arriving = near_draws.as_ref().map(|draws| draws.of(vertex));
+            vertex += 1;
+            let arriving = arriving.as_ref();
             let mut integrator = Integrator::new(scene, sample.key, Pass::new(sample.points, true));
             let lift = ray.direction * shift;
-            let reach = ChangeSampling { drawn, probability, start, objects: [low, high], rays, lift };
+            let reach =
+                ChangeSampling { drawn, arriving, probability, start, objects: [low, high], rays, lift };
             let light = integrator.change(hit, ray, &reach);
             sums_of_tile.rays += integrator.tally.rays;
             touched |= light != Vec3::ZERO;

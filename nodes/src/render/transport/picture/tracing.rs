@@ -166,7 +166,7 @@ impl<'a> Tracing<'a> {
             Sums::trace(cx, area, R0, step, |_, tile| trace_r0(scene, camera_rays, tile, range))
         })?;
         expect_size(&r0, area, R0)?;
-        let part = Part { name: "pair", version: 19, inputs: &["receiver", "objects", "env"] };
+        let part = Part { name: "pair", version: 20, inputs: &["receiver", "objects", "env"] };
         let pair = cx.part(part, &self.of_objects(camera, area, range, self.limit()), || {
             let (scene, crop) = (self.scene(), self.crop().ok());
             let trace = |number: usize, tile: &[(u32, u32)]| {

@@ -162,6 +162,13 @@ impl Receiver {
         face.at(hit) + self.facing(hit) * face.margin
     }
 
+    /// Position, unit normal on the side of the ray, and offset of rays, at a hit.
+    #[inline]
+    pub fn geometry(&self, hit: &Hit) -> (Vec3, Vec3, f32) {
+        let face = &self.faces[hit.triangle as usize];
+        (face.at(hit), self.facing(hit), face.margin)
+    }
+
     /// Surface at a hit, on the side of the ray, outside all bodies.
     #[inline]
     pub fn surface(&self, hit: &Hit) -> Surface {

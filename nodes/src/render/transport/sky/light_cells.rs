@@ -25,6 +25,9 @@ pub struct LightCells {
     columns: Vec<usize>,
     /// First texel row of each cell row, followed by the end of the last cell row.
     rows: Vec<usize>,
+    /// Cell row of each texel row, and cell column of each texel column.
+    row_of: Vec<u8>,
+    column_of: Vec<u8>,
     /// Cumulative probabilities of the texel rows within each cell. For each cell column, the values of all texel
     /// rows are stored one after another.
     down: Vec<f32>,
@@ -86,6 +89,10 @@ impl LightCells {
         }
         let (columns, rows) = (cut(&of_columns, most[0]), cut(&of_rows, most[1]));
         let counts = [columns.len() - 1, rows.len() - 1];
+        let cell_of = |starts: &[usize], texels: usize| -> Vec<u8> {
+            (0..texels).map(|texel| (starts.partition_point(|&first| first <= texel) - 1) as u8).collect()
+        };
+        let (row_of, column_of) = (cell_of(&rows, height), cell_of(&columns, width));
         let mut all = Self {
             width,
             height,
@@ -93,6 +100,8 @@ impl LightCells {
             distributions: LightTable::new(),
             columns,
             rows,
+            row_of,
+            column_of,
             down: vec![0.0; counts[0] * height],
             across: weights,
         };
@@ -152,11 +161,10 @@ impl LightCells {
         ((start + x, y), [u, v])
     }
 
-    /// Probability of the cell of a texel.
+    /// Row and column of the cell that contains a texel.
     #[inline]
-    pub fn probability(&self, distribution: &LightDistribution, (x, y): (usize, usize)) -> f32 {
-        let cell = |starts: &[usize], texel: usize| starts.partition_point(|&first| first <= texel) - 1;
-        distribution.probability(cell(&self.rows, y), cell(&self.columns, x))
+    pub fn cell(&self, (x, y): (usize, usize)) -> (usize, usize) {
+        (usize::from(self.row_of[y]), usize::from(self.column_of[x]))
     }
 
     /// Texel rows and columns of a cell.

@@ -51,7 +51,56 @@ impl<'a> Wanted<'a> {
     }
 }
 
+/// Light sample to be drawn at a given point of the unit square.
+#[derive(Debug, Clone, Copy)]
+pub struct PlacedDraw<'a> {
+    /// Tier of the sky.
+    pub tier: usize,
+    /// Distribution of the tier.
+    pub distribution: &'a LightDistribution,
+    /// Expected number of light samples of the vertex in this tier.
+    pub number: f32,
+    /// The point, as 32-bit fractions.
+    pub point: [u32; 2],
+}
+
 impl EnvironmentLight {
+    /// Computes [`Points::bits`] of one pair of dimensions for many samples, and appends the results to `found`.
+    pub fn bits_each(&self, points: &[Points], pair: u32, found: &mut Vec<[u32; 2]>) {
+        dispatch!(self.level, simd => {
+            for points in points.chunks(LANES) {
+                // Unused lanes repeat the first.
+                let mut lanes = [points[0]; LANES];
+                lanes[..points.len()].copy_from_slice(points);
+                let [v, u] = Points::bits_of_eight(simd, &lanes, &[pair; LANES]);
+                for k in 0..points.len() {
+                    found.push([v[k], u[k]]);
+                }
+            }
+        });
+    }
+
+    /// Draws light samples at given points; see [`draw_one`](Self::draw_one).
+    pub fn draw_placed(&self, wanted: &[PlacedDraw<'_>], mut found: impl FnMut(DrawnDirection)) {
+        dispatch!(self.level, simd => {
+            for wanted in wanted.chunks(LANES) {
+                let mut rows = [RowChoice::default(); LANES];
+                for (row, wanted) in rows.iter_mut().zip(wanted) {
+                    let point = [fraction(wanted.point[0]), fraction(wanted.point[1])];
+                    *row = self.tiers[wanted.tier].row(simd, wanted.distribution, point);
+                }
+                let mut ahead = 0.0;
+                for (row, wanted) in rows.iter().zip(wanted) {
+                    ahead += self.tiers[wanted.tier].look_ahead(row);
+                }
+                std::hint::black_box(ahead);
+                for (row, wanted) in rows.iter().zip(wanted) {
+                    found(self.found(simd, wanted.tier, row, wanted.number));
+                }
+            }
+        });
+    }
+
     /// Samples directions approximately in proportion to light times cosine. They may lie slightly below the
     /// horizon, so that no light above it is missed.
     pub fn draw_each(&self, wanted: &[Wanted<'_>], found: impl FnMut(DrawnDirection)) {

@@ -2,6 +2,7 @@
 
 pub(crate) mod cell_grid;
 pub mod cone;
+pub mod defensive;
 pub mod environment;
 pub(crate) mod irradiance_bound;
 pub(crate) mod light_cells;

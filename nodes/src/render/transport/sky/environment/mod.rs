@@ -36,6 +36,19 @@ pub struct DrawnDirection {
     expected: f32,
 }
 
+/// Texel of a direction.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct TexelFound {
+    /// Tier of the texel.
+    pub(crate) tier: usize,
+    /// Row and column of the cell of this tier that contains the texel.
+    pub(crate) cell: (usize, usize),
+    /// Radiance.
+    pub(crate) radiance: Vec3,
+    /// Density of the texel within its cell.
+    pub(crate) pdf: f32,
+}
+
 /// Number of tiers of a sky: small bright sources, and the rest.
 pub const TIERS: usize = 2;
 /// Maximum number of columns and rows of cells of each tier.
@@ -49,9 +62,9 @@ const BRIGHT: f64 = 16.0;
 #[derive(Debug)]
 pub struct EnvironmentLight {
     pub(crate) texel_grid: TexelGrid,
-    /// Radiance of each texel, and the density of the texel within its cell.
+    /// Radiance of each texel, and the density of the texel within its cell. The sign bit of the density is set for
+    /// texels of the bright tier.
     pub(crate) texels: Vec<[f32; 4]>,
-    bright: Vec<bool>,
     pub(crate) tiers: [LightCells; TIERS],
     /// SIMD level. Every level gives the same bits.
     pub(crate) level: Level,
@@ -110,7 +123,7 @@ impl EnvironmentLight {
         let mut tier = |k: usize, weights: Vec<f32>| {
             LightCells::new(&texel_grid, weights, CELLS[k], &mut |texel, pdf| {
                 if bright[texel] == (k == 0) {
-                    texels[texel][3] = pdf;
+                    texels[texel][3] = if k == 0 { -pdf } else { pdf };
                 }
             })
         };
@@ -122,7 +135,7 @@ impl EnvironmentLight {
             ..0.7 => [1, 4],
             _ => [2, 2],
         };
-        Self { texel_grid, texels, bright, tiers, level: Level::new(), lights, broken, power }
+        Self { texel_grid, texels, tiers, level: Level::new(), lights, broken, power }
     }
 
     /// Maximum radiance, and an upper bound of the irradiance of any surface, per channel.
@@ -201,10 +214,11 @@ impl EnvironmentLight {
         }
     }
 
-    /// Chooses the tier of a single light sample. Also returns random numbers for the choice within the tier.
+    /// Chooses the tier of a single light sample, given the expected number of samples per tier. Also returns
+    /// random numbers for the choice within the tier.
     #[inline]
-    pub fn tier(&self, distributions: Distributions<'_>, [v, u]: [u32; 2]) -> (usize, [u32; 2]) {
-        let share = f64::from(self.numbers(distributions, None)[0]);
+    pub fn tier(&self, numbers: [f32; TIERS], [v, u]: [u32; 2]) -> (usize, [u32; 2]) {
+        let share = f64::from(numbers[0]);
         let at = fraction(v);
         let (tier, at) = if at < share { (0, at / share) } else { (1, (at - share) / (1.0 - share)) };
         // The conversion saturates.
@@ -245,7 +259,7 @@ impl EnvironmentLight {
     #[inline]
     pub fn light(&self, &DrawnDirection { direction, texel, expected }: &DrawnDirection) -> LightSample {
         let [r, g, b, pdf] = self.texels[texel as usize];
-        LightSample { direction, radiance: Vec3::new(r, g, b), pdf: expected * pdf }
+        LightSample { direction, radiance: Vec3::new(r, g, b), pdf: expected * pdf.abs() }
     }
 
     /// Takes a single light sample for a surface with the given unit normal, or, for `None`, a surface that is lit
@@ -253,28 +267,10 @@ impl EnvironmentLight {
     pub fn sample_one(&self, normal: Option<Vec3>, point: [u32; 2]) -> Option<LightSample> {
         let distributions = self.distributions(normal);
         distributions.iter().any(|distribution| distribution.power > 0.0).then(|| {
-            let (tier, point) = self.tier(distributions, point);
-            let number = self.numbers(distributions, None)[tier];
-            self.light(&self.draw_one(tier, distributions[tier], number, point))
+            let numbers = self.numbers(distributions, None);
+            let (tier, point) = self.tier(numbers, point);
+            self.light(&self.draw_one(tier, distributions[tier], numbers[tier], point))
         })
-    }
-
-    /// Same as [`sample_one`](Self::sample_one), except that a quarter of the samples ignore the normal (defensive
-    /// sampling). Used for light whose direction differs slightly from its direction in the panorama.
-    pub fn sample_defensive(&self, normal: Option<Vec3>, [a, b]: [u32; 2]) -> Option<LightSample> {
-        const QUARTER: u32 = 1 << 30;
-        let (aimed, a) = match a.checked_sub(QUARTER) {
-            Some(rest) => (normal, (u64::from(rest) * 4 / 3) as u32),
-            None => (None, a << 2),
-        };
-        Some(self.eval_defensive(normal, self.sample_one(aimed, [a, b])?.direction))
-    }
-
-    /// Light from a unit direction, with the density with which [`sample_defensive`](Self::sample_defensive)
-    /// samples it.
-    pub fn eval_defensive(&self, normal: Option<Vec3>, direction: Vec3) -> LightSample {
-        let (aimed, any) = (self.eval_one(normal, direction), self.eval_one(None, direction));
-        LightSample { pdf: 0.75 * aimed.pdf + 0.25 * any.pdf, ..aimed }
     }
 
     /// Light from a unit direction, with the density with which [`sample_one`](Self::sample_one) samples it.
@@ -338,12 +334,24 @@ impl EnvironmentLight {
         numbers: [f32; TIERS],
         direction: Vec3,
     ) -> LightSample {
-        let texel = self.texel_grid.texel(direction);
+        let TexelFound { tier, cell, radiance, pdf } = self.texel(direction);
+        let pdf = numbers[tier] * distributions[tier].probability(cell.0, cell.1) * pdf;
+        LightSample { direction, radiance, pdf }
+    }
+
+    /// The texel that contains a unit direction.
+    #[inline]
+    pub(crate) fn texel(&self, direction: Vec3) -> TexelFound {
+        self.texel_at(self.texel_grid.texel(direction))
+    }
+
+    /// The texel in a column and row.
+    #[inline]
+    pub(crate) fn texel_at(&self, texel: (usize, usize)) -> TexelFound {
         let at = texel.1 * self.texel_grid.width + texel.0;
         let [r, g, b, pdf] = self.texels[at];
-        let tier = usize::from(!self.bright[at]);
-        let pdf = numbers[tier] * self.tiers[tier].probability(distributions[tier], texel) * pdf;
-        LightSample { direction, radiance: Vec3::new(r, g, b), pdf }
+        let (tier, pdf) = (usize::from(pdf.is_sign_positive()), pdf.abs());
+        TexelFound { tier, cell: self.tiers[tier].cell(texel), radiance: Vec3::new(r, g, b), pdf }
     }
 }
 

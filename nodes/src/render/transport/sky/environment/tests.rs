@@ -3,6 +3,7 @@ use engine::Up;
 use super::*;
 use crate::geometry::sampling::{Points, stream};
 use crate::math::equirect;
+use crate::render::transport::sky::defensive::DefensiveSampling;
 use crate::render::transport::sky::light_draws::wanted;
 use crate::testing::{chi_square, row};
 
@@ -219,7 +220,7 @@ fn follows(
 /// Samples follow their densities in every step: tiers, cells, texels and points in texels. This test fails if
 /// `numbers[tier]` is left out of `EnvironmentLight::eval`, if the share of the row is squared in
 /// `LightDistribution::probability`, if `of_row` is left out of `LightCells::divide`, if `v` is squared in
-/// `TexelGrid::within`, or if `0.75` and `0.25` are swapped in `eval_defensive`.
+/// `TexelGrid::within`, or if `0.75` and `0.25` are swapped in `DefensiveSampling::light`.
 #[test]
 fn samples_follow_their_densities() {
     let mut lamps = noisy(24, 12);
@@ -234,8 +235,15 @@ fn samples_follow_their_densities() {
             let what = format!("{name}, {side:?}");
             let one = |i| sky.sample_one(side, point(i, 0)).into_iter().collect();
             follows(&what, sky, one, |d| sky.eval_one(side, d).pdf);
-            let defensive = |i| sky.sample_defensive(side, point(i, 0)).into_iter().collect();
-            follows(&format!("{what}, defensive"), sky, defensive, |d| sky.eval_defensive(side, d).pdf);
+            let defensive = DefensiveSampling::new(sky, side);
+            let light = |d| defensive.light(d, &sky.texel(d));
+            let one = |i| {
+                let mut found = Vec::new();
+                let wanted = defensive.choose(sky, point(i, 0));
+                sky.draw_placed(wanted.as_slice(), |drawn| found.push(light(drawn.direction)));
+                found
+            };
+            follows(&format!("{what}, defensive"), sky, one, |d| light(d).pdf);
         }
         // As at the first vertex of a path: several samples per tier, for the normals of a tile and the directions
         // of the objects.

@@ -1,0 +1,138 @@
+//! Tests of paths that are traced many at once, or only to find out whether they touch an object.
+
+use super::*;
+use crate::geometry::bvh::{Hit, Ray};
+use crate::geometry::sampling::{Points, hash, stream};
+use crate::render::transport::path::change::ChangeSampling;
+use crate::render::transport::path::integrator::{Integrator, Pass, Scene as Traced};
+use crate::render::transport::path::light_points::LightPoints;
+use crate::render::transport::path::path::{Vertex, first_pair};
+use crate::render::transport::path::receiver_paths::{ReceiverPaths, TOGETHER};
+use crate::render::transport::path::visibility::Rules;
+use crate::render::transport::scene::block::{Block, EVERYWHERE};
+use crate::render::transport::scene::objects::Objects;
+use crate::render::transport::scene::receiver::Receiver;
+use crate::render::transport::sky::environment::EnvironmentLight;
+use crate::render::transport::sky::light_draws::LightDraws;
+use crate::testing::direction;
+
+/// Point of capture.
+const EYE: Vec3 = Vec3::new(-0.9, -0.7, 1.1);
+
+/// A coloured room with one wall missing, and a cupboard in it.
+fn open_room() -> Mesh {
+    let mut room = merge(room(), box_mesh([-0.6, 0.8, 0.0], [0.9, 1.5, 1.7], false));
+    room.triangles.drain(10..12);
+    room.colours = (0..room.positions.len()).map(|i| [0.9, 0.2 + 0.04 * i as f32, 0.5]).collect();
+    room
+}
+
+fn rules() -> Vec<Rules> {
+    let rules = |block, near: bool, max_bounces, clamp| Rules {
+        block,
+        bounce_solid: true,
+        specular_env: false,
+        printed: false,
+        near: near.then(|| EYE.to_array()),
+        max_bounces,
+        clamp,
+    };
+    let front = Block::FrontFace { max_layers: 3, flip: false, within: EVERYWHERE };
+    vec![
+        rules(Block::Solid, false, 8, f32::MAX),
+        rules(Block::Solid, false, 0, f32::MAX),
+        rules(Block::Solid, false, 3, 0.05),
+        Rules { bounce_solid: false, ..rules(front, false, 8, f32::MAX) },
+        rules(front, false, 8, f32::MAX),
+        rules(Block::Pass, false, 2, f32::MAX),
+        rules(Block::Solid, true, 8, f32::MAX),
+        rules(Block::Solid, true, 0, f32::MAX),
+        rules(Block::Solid, true, 8, 0.05),
+    ]
+}
+
+/// Camera rays and their hits on the receiver.
+fn starts(receiver: &Receiver) -> Vec<(Points, u32, Ray, Hit)> {
+    let start = |i: u32| {
+        let points = Points::new(stream(4, i / 4, 0), i % 4);
+        let ray = Ray::new(Vec3::new(0.2, -0.4, 1.6), direction(points.pair(0)));
+        Some((points, hash(i, 5), ray, receiver.bvh.closest(ray, |_| true)?))
+    };
+    (0..3_000).filter_map(start).collect()
+}
+
+/// A path traced in a batch gives the same bits as the path alone, and casts as many rays. This test fails if
+/// `first_pair(bounce)` in `ReceiverPaths::draw` is replaced with `first_pair(1)`, or if `rules.clamped` is left out
+/// of `ReceiverPaths::advance_near`.
+#[test]
+fn a_path_in_a_batch_is_the_path_alone() {
+    let (receiver, none) = (Receiver::new(&open_room(), DVec3::ZERO), Objects::new(None, &[], DVec3::ZERO));
+    let (objects, sky) = (none.expect("no objects"), EnvironmentLight::new(&sunny()));
+    for rules in &rules() {
+        let scene = Traced { receiver: &receiver, objects: &objects, sky: &sky, rules, light_points: None };
+        let starts = starts(&receiver);
+        assert!(starts.len() > 10 * TOGETHER && !starts.len().is_multiple_of(TOGETHER));
+        let mut draws = LightDraws::new(&sky, sky.lights, first_pair(0), {
+            let vertex = |(points, _, _, hit): &(Points, u32, Ray, Hit)| {
+                Some((*points, sky.distributions(Some(receiver.facing(hit)))))
+            };
+            starts.iter().map(vertex)
+        });
+        let (mut paths, mut together) = (ReceiverPaths::new(scene), Vec::new());
+        for batch in starts.chunks(TOGETHER) {
+            batch.iter().for_each(|(points, _, _, hit)| paths.push(*points, hit, draws.next_vertex()));
+            together.extend_from_slice(paths.radiance());
+        }
+        let (mut rays, mut lit) = (Default::default(), 0);
+        for ((points, key, ray, hit), together) in starts.iter().zip(&together) {
+            let mut integrator = Integrator::new(scene, *key, Pass::new(*points, false));
+            let alone = integrator.radiance(Vertex::Receiver(*hit), *ray);
+            rays += integrator.tally.rays;
+            assert_eq!(
+                together.to_array().map(f32::to_bits),
+                alone.to_array().map(f32::to_bits),
+                "{rules:?}"
+            );
+            lit += u32::from(alone != Vec3::ZERO);
+        }
+        assert_eq!(paths.rays, rays, "{rules:?}");
+        assert!(lit > 100, "{lit} paths with light: {rules:?}");
+    }
+}
+
+/// Under near light, the change is the difference of two whole paths for every sample, also for those samples whose
+/// light is not computed because they touch no object. This test fails if `light_sample` returns before `dimming` for
+/// `touch_only` paths.
+#[test]
+fn paths_that_touch_nothing_change_nothing() {
+    let receiver = Receiver::new(&open_room(), DVec3::ZERO);
+    let sky = EnvironmentLight::new(&sunny());
+    let ball = ball(0.3, matte(0.6), DVec3::new(0.4, -0.6, 1.4));
+    let objects = Objects::new(Some(&receiver), &[ball], DVec3::ZERO).expect("consistent");
+    let light_points = LightPoints::new(&receiver, &sky, EYE);
+    for rules in rules().iter().filter(|rules| rules.near.is_some()) {
+        let light_points = Some(&light_points);
+        let scene = Traced { receiver: &receiver, objects: &objects, sky: &sky, rules, light_points };
+        let (low, high) = objects.bvh.bounds().expect("a ball");
+        let (mut changed, mut same) = (0, 0);
+        for (points, key, ray, hit) in starts(&receiver) {
+            let start = ray.origin + ray.direction * hit.t;
+            let sampling = ChangeSampling {
+                drawn: &[],
+                arriving: None,
+                probability: 1.0,
+                start,
+                objects: [low, high],
+                rays: 1.0,
+                lift: Vec3::ZERO,
+            };
+            let found = Integrator::new(scene, key, Pass::new(points, true)).change(hit, ray, &sampling);
+            let whole = |objects| {
+                Integrator::new(scene, key, Pass::new(points, objects)).radiance(Vertex::Receiver(hit), ray)
+            };
+            assert_eq!(found, whole(true) - whole(false), "{rules:?}");
+            if found == Vec3::ZERO { same += 1 } else { changed += 1 }
+        }
+        assert!(changed > 100 && same > 100, "{changed} of {same}");
+    }
+}
