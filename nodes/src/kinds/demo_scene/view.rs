@@ -2,6 +2,10 @@
 
 use glam::DVec3;
 
+use super::DemoScene;
+use crate::math::num;
+use crate::types::{Camera, Rig};
+
 /// Conversion from metres in the frame of the scene to world units.
 pub(super) struct WorldFrame {
     pub(super) axes: [DVec3; 3],
@@ -27,4 +31,29 @@ pub(super) struct DemoCamera {
     pub(super) focal: f64,
     pub(super) width: f64,
     pub(super) height: f64,
+}
+
+/// Horizontal angles by which the cameras of the capture are turned from the middle of the place, in degrees.
+const TURNS: [f64; 4] = [0.0, 28.0, -8.0, -28.0];
+/// Focal length of the cameras of the capture, as a multiple of the width of the picture.
+const FOCAL: f64 = 0.625;
+
+/// Cameras along the closed way through `places`, which are the positions of the capture in the frame of the scene.
+pub(super) fn capture(places: &[DVec3], params: &DemoScene, world: &WorldFrame) -> Rig {
+    let middle = DVec3::new(0.0, 0.1, 0.55);
+    let count = params.capture as usize;
+    let size = [params.capture_width_px, (params.capture_width_px * 2 / 3).max(1)];
+    let camera = |i: usize| {
+        let along = (i * places.len()) as f64 / count as f64;
+        let (at, share) = (along as usize % places.len(), along.fract());
+        let eye = places[at].lerp(places[(at + 1) % places.len()], share);
+        let (sin, cos) = num::sin_cos_deg(TURNS[i % TURNS.len()]);
+        let way = middle - eye;
+        let forward = DVec3::new(cos * way.x - sin * way.y, sin * way.x + cos * way.y, way.z).normalize();
+        let right = forward.cross(DVec3::Z).normalize();
+        let axes = [right, forward.cross(right), forward].map(|axis| world.turn(axis));
+        let focal = FOCAL * f64::from(params.capture_width_px);
+        Camera::centred(&format!("capture{i:03}"), size, focal, axes, world.point(eye))
+    };
+    Rig { cameras: (0..count).map(camera).collect() }
 }
