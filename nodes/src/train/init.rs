@@ -29,7 +29,7 @@ pub fn random_points(cameras: &[Camera], count: usize, seed: u64) -> Vec<Point> 
     (0..count).map(point).collect()
 }
 
-/// Points of even number, if there are more than `most`: every one whose index is the next multiple of the ratio.
+/// At most `most` of the points, chosen at equal intervals of their indices.
 pub fn thinned(points: &[Point], most: usize) -> Vec<Point> {
     if points.len() <= most {
         return points.to_vec();

@@ -27,7 +27,7 @@ engine::params! {
     /// are rounded to 8 bits per channel.
     pub struct LoadPhotos {
         /// Folder of the photographs: PNG, JPEG, OpenEXR or Radiance HDR.
-        path: Option<InputFile> = None, other("Some(\"photos\")"), inert("the fixture connects `image`");
+        path: Option<InputFile> = None, other("Some(\"photos_b\")");
         /// Folder of masks. The mask of a photograph has the same name, with any extension. Pixels whose first channel
         /// is below 0.5 are ignored in training. Photographs without a mask are used in full. The transparent part of
         /// a photograph with an alpha channel is ignored as well.

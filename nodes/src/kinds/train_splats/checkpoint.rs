@@ -16,6 +16,9 @@ pub struct Stretch {
     pub loss: f64,
     /// Number of faded splats that were moved in the range.
     pub relocated: u64,
+    /// Mean PSNR of the photographs that are held out, at the end of the range, in dB. `None` if no photograph is
+    /// held out, or if all are reproduced exactly.
+    pub psnr: Option<f64>,
 }
 
 /// State of a training, and the results of all ranges so far.
@@ -64,6 +67,8 @@ impl Artifact for Checkpoint {
             to.u64(stretch.splats);
             to.f64(stretch.loss);
             to.u64(stretch.relocated);
+            to.bool(stretch.psnr.is_some());
+            to.f64(stretch.psnr.unwrap_or_default());
         }
     }
 
@@ -88,9 +93,11 @@ impl Artifact for Checkpoint {
         }
         let stretch = |from: &mut Decoder<'_>| {
             let (iterations, splats, loss) = (from.u32()?, from.u64()?, from.f64()?);
-            Ok(Stretch { iterations, splats, loss, relocated: from.u64()? })
+            let relocated = from.u64()?;
+            let (scored, psnr) = (from.bool()?, from.f64()?);
+            Ok(Stretch { iterations, splats, loss, relocated, psnr: scored.then_some(psnr) })
         };
-        let count = from.length(28)?;
+        let count = from.length(37)?;
         let stretches = (0..count).map(|_| stretch(from)).collect::<Result<_, _>>()?;
         Ok(Self { state, stretches })
     }
@@ -128,7 +135,7 @@ mod tests {
         state.first[5] = 0.25;
         state.exposures[1].log_gain = [0.1, 0.2, 0.3];
         state.exposures[1].moments[1] = [4.0, 5.0, 6.0];
-        let stretches = vec![Stretch { iterations: 9, splats: 3, loss: 0.5, relocated: 1 }];
+        let stretches = vec![Stretch { iterations: 9, splats: 3, loss: 0.5, relocated: 1, psnr: Some(20.0) }];
         let checkpoint = Checkpoint { state, stretches };
         let mut to = Encoder::default();
         checkpoint.encode(&mut to);

@@ -7,7 +7,7 @@ mod tests;
 
 use std::sync::Arc;
 
-use engine::{Context, ContextField, Cost, Kind, NodeError, Notes, Part, Sizes};
+use engine::{Context, ContextField, Cost, Kind, NodeError, Notes, Part, Preview, Sizes};
 use fearless_simd::Level;
 use serde::Serialize;
 
@@ -35,7 +35,7 @@ engine::params! {
         /// Number of iterations. Each renders one photograph.
         iterations: u32 = 7000, range(1, 1000000), other("3");
         /// Maximum number of splats.
-        max_splats: u32 = 200000, range(1, 20000000), other("150");
+        max_splats: u32 = 200000, range(1, 20000000), other("60");
         /// Number of splats before the first iteration, if `splats` is not connected. They are at the points of the
         /// photographs; if there are more points, this many are chosen, and if there are no points, this many splats
         /// are placed at random.
@@ -116,6 +116,7 @@ impl Kind for TrainSplats {
     const NAME: &'static str = "train-splats";
     const VERSION: u32 = 1;
     const READS: &'static [ContextField] = &[ContextField::Seed, ContextField::MetresPerUnit];
+    const PREVIEW: Preview = Preview { rough: &[("iterations", "300")], ..Preview::NONE };
     type Params = Self;
     type In = In;
     type Out = Out;
@@ -132,8 +133,7 @@ impl Kind for TrainSplats {
         Cost { bytes: state.saturating_add(drawn).saturating_add(pixels.saturating_mul(160)) }
     }
 
-    fn work(p: &Self, sizes: &Sizes) -> f64 {
-        let _ = sizes;
+    fn work(p: &Self, _: &Sizes) -> f64 {
         f64::from(p.iterations)
     }
 
@@ -149,7 +149,7 @@ impl Kind for TrainSplats {
         let cameras: Vec<Camera> = kept.iter().map(|photo| photo.camera.clone()).collect();
         let start = p.start(&inputs, &cameras, cx, &mut notes)?;
         let trainer = p.trainer(&kept, &cameras, cx);
-        let checkpoint = p.train(&trainer, &start, cx)?;
+        let checkpoint = p.train(&trainer, &held, &start, cx)?;
 
         let Checkpoint { state, stretches } = &*checkpoint;
         let splats = drawn(&state.splats);
@@ -265,6 +265,7 @@ impl TrainSplats {
     fn train(
         &self,
         trainer: &Trainer<'_>,
+        held: &[&Photo],
         start: &Splats,
         cx: &Context,
     ) -> Result<Arc<Checkpoint>, NodeError> {
@@ -287,7 +288,10 @@ impl TrainSplats {
                     cx.progress(state.step as f32 / self.iterations as f32);
                 }
                 let (count, splats) = (f64::from(end - first), state.splats.len() as u64);
-                stretches.push(Stretch { iterations: end, splats, loss: loss / count, relocated });
+                let scores =
+                    score::scores(&state.splats, held, &state, (&trainer.settings, self.exposure), cx)?;
+                let psnr = score::mean_psnr(&scores);
+                stretches.push(Stretch { iterations: end, splats, loss: loss / count, relocated, psnr });
                 Ok(Checkpoint { state, stretches })
             })?;
             cx.progress(end as f32 / self.iterations as f32);

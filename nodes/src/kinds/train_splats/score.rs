@@ -70,9 +70,10 @@ fn score(
     })
 }
 
-fn mean(values: impl Iterator<Item = f64>) -> Cell {
-    let (sum, count) = values.fold((0.0, 0.0), |(sum, count), value| (sum + value, count + 1.0));
-    finite(sum / count)
+/// Mean PSNR of photographs, in dB. `None` if there are none, or if one is reproduced exactly.
+pub fn mean_psnr(scores: &[Score]) -> Option<f64> {
+    let sum: f64 = scores.iter().map(|score| score.psnr).sum();
+    Some(sum / scores.len() as f64).filter(|mean| mean.is_finite())
 }
 
 fn finite(value: f64) -> Cell {
@@ -92,19 +93,26 @@ pub fn report(
             Cell::Count(stretch.iterations.into()),
             Cell::Count(stretch.splats),
             finite(stretch.loss),
+            stretch.psnr.map_or(Cell::Missing, Cell::Number),
             Cell::Count(stretch.relocated),
         ]
     };
-    let columns =
-        ["iterations", "splats", "mean loss since the row above", "faded splats moved since the row above"];
+    let columns = [
+        "iterations",
+        "splats",
+        "mean loss since the row above",
+        "held-out PSNR (dB)",
+        "faded splats moved since the row above",
+    ];
     let mut tables = vec![Table::new("training", columns, stretches.iter().map(row).collect())];
     let mut rows: Vec<Vec<Cell>> = scores
         .iter()
         .map(|score| vec![Cell::Text(score.name.clone()), finite(score.psnr), finite(score.ssim)])
         .collect();
     if !scores.is_empty() {
-        let (psnr, ssim) = (mean(scores.iter().map(|s| s.psnr)), mean(scores.iter().map(|s| s.ssim)));
-        rows.push(vec![Cell::Text("mean".to_owned()), psnr, ssim]);
+        let psnr = mean_psnr(scores).map_or(Cell::Missing, Cell::Number);
+        let ssim = scores.iter().map(|score| score.ssim).sum::<f64>() / scores.len() as f64;
+        rows.push(vec![Cell::Text("mean".to_owned()), psnr, finite(ssim)]);
     }
     tables.push(Table::new("held-out", ["photograph", "PSNR (dB)", "SSIM"], rows));
     if p.exposure {

@@ -1,5 +1,7 @@
 //! Trainings on the demo scene.
 
+use std::sync::LazyLock;
+
 use super::*;
 use crate::kinds::demo_scene::{self, DemoScene};
 use crate::math::color::srgb_from_linear;
@@ -7,10 +9,16 @@ use crate::render::splat::render;
 use crate::testing::context;
 use crate::types::Cell;
 
-/// Photographs of the demo scene of 96x64 pixels.
-fn photographs(count: u32) -> Arc<Photos> {
+/// The first photographs of the demo scene, of 96x64 pixels.
+fn photographs(count: usize) -> Arc<Photos> {
+    static ALL: LazyLock<Photos> = LazyLock::new(|| all_photographs(14));
+    let all = &*ALL;
+    Arc::new(Photos { photos: all.photos[..count].to_vec(), points: all.points.clone() })
+}
+
+fn all_photographs(count: u32) -> Photos {
     let params = DemoScene {
-        splats: 20_000,
+        splats: 8000,
         width_px: 96,
         height_px: 64,
         truth_width_px: 16,
@@ -31,7 +39,7 @@ fn photographs(count: u32) -> Arc<Photos> {
     let points = out.proxy.positions.iter().zip(&out.proxy.colours).step_by(5);
     let points = points
         .map(|(position, rgb)| crate::types::Point { position: *position, rgb: rgb.map(srgb_from_linear) });
-    Arc::new(Photos { photos: out.capture.cameras.iter().map(photo).collect(), points: points.collect() })
+    Photos { photos: out.capture.cameras.iter().map(photo).collect(), points: points.collect() }
 }
 
 fn held_out(report: &Report) -> f64 {
@@ -113,8 +121,8 @@ fn longer_trainings_continue_shorter_ones() {
 #[test]
 fn training_stops_when_it_is_cancelled() {
     let photos = photographs(4);
-    let cx = context().stopping_at(0.01);
-    let p = TrainSplats { iterations: 1_000_000, test_every: 0, ..TrainSplats::default() };
+    let cx = context().stopping_at(0.003);
+    let p = TrainSplats { iterations: 1000, test_every: 0, start_splats: 500, ..TrainSplats::default() };
     let result = TrainSplats::run(&p, In { photos, splats: None }, &cx);
     assert!(result.err().expect("stops").is_cancelled());
 }
