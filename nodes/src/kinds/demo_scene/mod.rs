@@ -186,7 +186,11 @@ impl Kind for DemoScene {
             object: Arc::new(object::still_life(seed)),
             rig: Arc::new(Rig { cameras: vec![view.camera(params, &world)] }),
             truth_env: Arc::new(truth_env),
-            capture: Arc::new(view::capture(&layout.captures, params, &world)),
+            capture: Arc::new(view::capture(
+                &layout.captures,
+                (params.capture as usize, params.capture_width_px),
+                &world,
+            )),
         };
         Ok((out, notes))
     }

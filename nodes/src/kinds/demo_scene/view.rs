@@ -2,7 +2,6 @@
 
 use glam::DVec3;
 
-use super::DemoScene;
 use crate::math::num;
 use crate::types::{Camera, Rig};
 
@@ -38,11 +37,11 @@ const TURNS: [f64; 4] = [0.0, 28.0, -8.0, -28.0];
 /// Focal length of the cameras of the capture, as a multiple of the width of the picture.
 const FOCAL: f64 = 0.625;
 
-/// Cameras along the closed way through `places`, which are the positions of the capture in the frame of the scene.
-pub(super) fn capture(places: &[DVec3], params: &DemoScene, world: &WorldFrame) -> Rig {
+/// `count` cameras along the closed way through `places`, which are the positions of the capture in the frame of the
+/// scene. Their pictures are `width_px` pixels wide.
+pub(super) fn capture(places: &[DVec3], (count, width_px): (usize, u32), world: &WorldFrame) -> Rig {
     let middle = DVec3::new(0.0, 0.1, 0.55);
-    let count = params.capture as usize;
-    let size = [params.capture_width_px, (params.capture_width_px * 2 / 3).max(1)];
+    let size = [width_px, (width_px * 2 / 3).max(1)];
     let camera = |i: usize| {
         let along = (i * places.len()) as f64 / count as f64;
         let (at, share) = (along as usize % places.len(), along.fract());
@@ -52,7 +51,7 @@ pub(super) fn capture(places: &[DVec3], params: &DemoScene, world: &WorldFrame) 
         let forward = DVec3::new(cos * way.x - sin * way.y, sin * way.x + cos * way.y, way.z).normalize();
         let right = forward.cross(DVec3::Z).normalize();
         let axes = [right, forward.cross(right), forward].map(|axis| world.turn(axis));
-        let focal = FOCAL * f64::from(params.capture_width_px);
+        let focal = FOCAL * f64::from(width_px);
         Camera::centred(&format!("capture{i:03}"), size, focal, axes, world.point(eye))
     };
     Rig { cameras: (0..count).map(camera).collect() }
