@@ -23,9 +23,9 @@ pub struct Corrections(Vec<Correction>);
 /// Number of updates after which the corrections are 1.
 const CORRECTED: usize = 20_000;
 
-impl Corrections {
+impl Default for Corrections {
     /// Computes the corrections.
-    pub fn new() -> Self {
+    fn default() -> Self {
         let (mut power1, mut power2) = (1.0_f64, 1.0_f64);
         let of = |_| {
             power1 *= f64::from(BETA1);
@@ -34,7 +34,9 @@ impl Corrections {
         };
         Self((0..CORRECTED).map(of).collect())
     }
+}
 
+impl Corrections {
     /// Correction for the update with this number, from 1.
     pub fn of(&self, update: u32) -> Correction {
         let at = (update as usize).clamp(1, CORRECTED) - 1;
@@ -84,7 +86,7 @@ mod tests {
     /// formulas of the paper in f64.
     #[test]
     fn steps_follow_the_paper() {
-        let corrections = Corrections::new();
+        let corrections = Corrections::default();
         let (mut parameter, mut moments) = ([1.0_f32], [[0.0_f32]; 2]);
         let (mut m, mut v, mut expected) = (0.0_f64, 0.0_f64, 1.0_f64);
         for update in 1..=50_u32 {

@@ -4,6 +4,7 @@ use glam::DVec3;
 
 use super::random::{Purpose, uniform};
 use super::step::extent;
+use crate::math::num;
 use crate::types::{Camera, Point, Splats};
 
 /// Opacity of initial splats.
@@ -66,7 +67,8 @@ fn spacings(points: &[Point]) -> Vec<f64> {
     let sides = (high - low).max(DVec3::splat(1e-9));
     // Outliers make most cells empty, so the cells are finer than two points per cell on average.
     let count = (points.len() as f64).max(1.0);
-    let cell = (sides.x * sides.y * sides.z / count).cbrt().max(sides.max_element() / 512.0);
+    let each = sides.x * sides.y * sides.z / count;
+    let cell = num::pow(each, 1.0 / 3.0).max(sides.max_element() / 512.0);
     let cells = (sides / cell).ceil().max(DVec3::ONE).min(DVec3::splat(513.0));
     let size = cells.to_array().map(|n| n as usize);
     let of = |i: usize| {
@@ -125,7 +127,7 @@ mod tests {
         for count in [1, 2, 3, 4, 200] {
             let point = |i: u64| {
                 let of = |axis| uniform(5, Purpose::Start, axis, i);
-                let size = if i % 50 == 0 { 100.0 } else { 1.0 };
+                let size = if i.is_multiple_of(50) { 100.0 } else { 1.0 };
                 let position = [of(0) * size, of(1) * 0.3, of(2) * of(3)].map(|v| v as f32);
                 Point { position, rgb: [0.0; 3] }
             };

@@ -87,8 +87,8 @@ fn gradients_of_the_loss_are_those_of_finite_differences() {
         pixels.push([code(&mut random), code(&mut random), code(&mut random), keep]);
     }
     let mut rgba: Vec<[f32; 4]> = Vec::new();
-    for at in 0..width * height {
-        let near = pixels[at].map(|code| f32::from(code) / 255.0);
+    for (at, photo) in pixels.iter().enumerate() {
+        let near = photo.map(|code| f32::from(code) / 255.0);
         let off = |random: &mut Random| (random.next() as f32 - 0.5) * if at < 400 { 0.1 } else { 1.0 };
         let colour: [f32; 3] = std::array::from_fn(|c| near[c] + off(&mut random));
         rgba.push([colour[0], colour[1], colour[2], 0.4 + 0.6 * random.next() as f32]);
@@ -96,7 +96,7 @@ fn gradients_of_the_loss_are_those_of_finite_differences() {
     let target = Target { width, pixels: &pixels };
     let log_gain = [0.1_f32, -0.2, 0.05];
     let background = [0.3_f32, 0.0, 0.8];
-    let shown = Shown { gain: log_gain.map(|v| num::f32::exp(v)), background };
+    let shown = Shown { gain: log_gain.map(num::f32::exp), background };
     let found = loss(&rgba, &target, &shown, &context(), Level::new()).expect("computes");
 
     let mut ignored = Vec::new();
@@ -161,7 +161,7 @@ fn place(cameras: usize) -> (Splats, Vec<Camera>) {
     splats.scales.iter_mut().for_each(|s| *s = s.map(|s| 2.0 * s));
     let camera = |i: usize| {
         let (sin, cos) = num::sin_cos(std::f64::consts::TAU * i as f64 / cameras as f64);
-        let height = if i % 2 == 0 { 1.0 } else { -0.7 };
+        let height = if i.is_multiple_of(2) { 1.0 } else { -0.7 };
         let eye = DVec3::new(3.2 * cos, 3.2 * sin, height);
         let forward = -eye.normalize();
         let right = forward.cross(DVec3::Z).normalize();
@@ -204,7 +204,7 @@ fn trainer<'a>(cameras: &'a [Camera], photographs: &'a [Vec<[u8; 4]>], level: Le
         schedule: schedule(),
         extent: extent(cameras.iter()),
         level,
-        corrections: Corrections::new(),
+        corrections: Corrections::default(),
     }
 }
 

@@ -257,7 +257,7 @@ impl TrainSplats {
             },
             extent: extent(cameras.iter()),
             level: Level::new(),
-            corrections: Corrections::new(),
+            corrections: Corrections::default(),
         }
     }
 

@@ -71,11 +71,10 @@ fn a_short_training_finds_the_demo_scene() {
     let (out, notes) = run(&p, &photos).expect("trains");
     assert!(!notes.iter().any(|note| note.id == "random-start"));
     let trained = held_out(&out.report);
-    let start =
-        held_out(&run(&TrainSplats { iterations: 1, ..p.clone() }, &photos).expect("trains").0.report);
+    let start = held_out(&run(&TrainSplats { iterations: 1, ..p }, &photos).expect("trains").0.report);
     assert!(trained > 17.0 && trained > start + 3.0, "{start} {trained}");
     assert!(out.splats.len() > 500 && out.splats.len() <= 1000);
-    let inputs = In { photos: photos.clone(), splats: Some(out.splats.clone()) };
+    let inputs = In { photos, splats: Some(out.splats) };
     let more = TrainSplats::run(&p, inputs, &context()).expect("trains").0;
     assert!(held_out(&more.report) > trained - 0.2);
 }

@@ -157,10 +157,10 @@ fn tile<S: Simd>(simd: S, task: &Task<'_>) -> Vec<Sums> {
                 let red = f32x8::from_slice(simd, &pixels.red[vector]);
                 let green = f32x8::from_slice(simd, &pixels.green[vector]);
                 let blue = f32x8::from_slice(simd, &pixels.blue[vector]);
-                red_sum = red_sum + weight * red;
-                green_sum = green_sum + weight * green;
-                blue_sum = blue_sum + weight * blue;
-                weights = weights + weight;
+                red_sum += weight * red;
+                green_sum += weight * green;
+                blue_sum += weight * blue;
+                weights += weight;
                 let along_gradient = red * f.rgb[0] + green * f.rgb[1] + blue * f.rgb[2];
                 let rest = f32x8::from_slice(simd, &pixels.rest[vector]) - weight * along_gradient;
                 rest.store_slice(&mut pixels.rest[vector]);
@@ -168,12 +168,12 @@ fn tile<S: Simd>(simd: S, task: &Task<'_>) -> Vec<Sums> {
                 let by_alpha = before * along_gradient - rest / (one - alpha);
                 let q = (going & drawn & raw.simd_le(cap)).select(by_alpha * alpha, zero);
                 let (qt, qs) = (q * t, q * row_s);
-                q_sum = q_sum + q;
-                t_sum = t_sum + qt;
-                tt_sum = tt_sum + qt * t;
-                s_sum = s_sum + qs;
-                ts_sum = ts_sum + qt * row_s;
-                ss_sum = ss_sum + qs * row_s;
+                q_sum += q;
+                t_sum += qt;
+                tt_sum += qt * t;
+                s_sum += qs;
+                ts_sum += qt * row_s;
+                ss_sum += qs * row_s;
                 if !going.any_true() {
                     live &= !(1 << vector);
                 }

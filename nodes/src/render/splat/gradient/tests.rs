@@ -94,7 +94,7 @@ fn reference(
 ) -> Vec<[f64; 4]> {
     let (width, height) = (camera.width_px as usize, camera.height_px as usize);
     let view = camera.camera_from_world();
-    let mut drawn: Vec<(f64, [f64; 2], [f64; 3], f64, [f64; 3])> = Vec::new();
+    let mut drawn = Vec::new();
     for one in free {
         let length = one.quat.iter().map(|q| q * q).sum::<f64>().sqrt();
         let [w, x, y, z] = one.quat.map(|q| q / length);
@@ -126,7 +126,7 @@ fn reference(
         }
         let d = (mean - camera.eye()).normalize();
         let functions = basis(d.x, d.y, d.z);
-        let colour = std::array::from_fn(|k| {
+        let colour: [f64; 3] = std::array::from_fn(|k| {
             let sum: f64 = one.sh.iter().zip(functions).map(|(c, b)| c[k] * b).sum();
             (sum + 0.5).max(0.0)
         });
