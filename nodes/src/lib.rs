@@ -2,7 +2,7 @@
 //!
 //! Each kind is one file in [`kinds`] (a folder if it is large) with its documentation, parameters, ports, code and
 //! unit tests, and one line in [`registry`]. The other modules contain code that kinds share. A file imports only
-//! from its own module and from those after it in this list: `kinds`, [`render`], [`geometry`], [`light`], [`io`],
+//! from its own module and from those after it in this list: `kinds`, [`train`], [`render`], [`geometry`], [`light`], [`io`],
 //! [`types`], [`math`], [`error`].
 
 use engine::{KindEntry, Registry};
@@ -15,6 +15,7 @@ pub mod kinds;
 pub mod light;
 pub mod math;
 pub mod render;
+pub mod train;
 pub mod types;
 
 #[cfg(test)]
@@ -45,6 +46,7 @@ pub fn registry() -> Registry {
         KindEntry::of::<load_mesh::LoadMesh>(),
         KindEntry::of::<load_object::LoadObject>(),
         KindEntry::of::<load_panorama::LoadPanorama>(),
+        KindEntry::of::<load_photos::LoadPhotos>(),
         KindEntry::of::<load_splats::LoadSplats>(),
         KindEntry::of::<override_material::OverrideMaterial>(),
         KindEntry::of::<path_trace::PathTrace>(),
@@ -60,6 +62,7 @@ pub fn registry() -> Registry {
         KindEntry::of::<splat_panorama::SplatPanorama>(),
         KindEntry::of::<splat_render::SplatRender>(),
         KindEntry::of::<stitch::Stitch>(),
+        KindEntry::of::<train_splats::TrainSplats>(),
         KindEntry::of::<write_animation::WriteAnimation>(),
         KindEntry::of::<write_exr::WriteExr>(),
         KindEntry::of::<write_image::WriteImage>(),

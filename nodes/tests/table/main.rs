@@ -90,6 +90,7 @@ fn handmade() -> Vec<(&'static str, Vec<u8>)> {
         ("splats.ply", files::splats_ply(12)),
         ("b.ply", files::splats_ply(3)),
         ("object.glb", files::object_glb()),
+        ("points3D.txt", b"1 0.1 0.2 0.5 255 0 0 0.5\n2 0.3 -0.2 0.5 0 255 0 0.5\n".into()),
     ]
 }
 

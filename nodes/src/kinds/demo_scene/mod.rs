@@ -59,6 +59,10 @@ engine::params! {
         truth_width_px: u32 = 512, range(16, 4096), unit("px"), other("64");
         /// Height of the point where `truth_env` is computed, above the surface that the object stands on.
         probe_height: f64 = 0.3, range(0.01, 1.5), unit("m"), other("0.6");
+        /// Number of cameras in `capture`.
+        capture: u32 = 100, range(2, 10000), other("5");
+        /// Image width of the cameras in `capture`; the height is two thirds of it.
+        capture_width_px: u32 = 480, range(16, 8192), unit("px"), other("60");
     }
 }
 
@@ -80,6 +84,9 @@ engine::outputs! {
         rig: Arc<Rig>,
         /// The true light at the object, unclipped.
         truth_env: Arc<Environment>,
+        /// Cameras on the way along which the place was captured, from `capture000`. Renders of `splats` by these
+        /// cameras are photographs for `train-splats`.
+        capture: Arc<Rig>,
     }
 }
 
@@ -129,7 +136,7 @@ impl DemoCamera {
 
 impl Kind for DemoScene {
     const NAME: &'static str = "demo-scene";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     const READS: &'static [ContextField] =
         &[ContextField::Seed, ContextField::Up, ContextField::MetresPerUnit];
     type Params = Self;
@@ -179,6 +186,11 @@ impl Kind for DemoScene {
             object: Arc::new(object::still_life(seed)),
             rig: Arc::new(Rig { cameras: vec![view.camera(params, &world)] }),
             truth_env: Arc::new(truth_env),
+            capture: Arc::new(view::capture(
+                &layout.captures,
+                (params.capture as usize, params.capture_width_px),
+                &world,
+            )),
         };
         Ok((out, notes))
     }

@@ -2,7 +2,14 @@ use super::*;
 use engine::{Scene, encode_to_vec};
 
 fn params(place: Setting) -> DemoScene {
-    DemoScene { place, splats: 10000, width_px: 240, height_px: 135, truth_width_px: 64, probe_height: 0.3 }
+    DemoScene {
+        place,
+        splats: 10000,
+        width_px: 240,
+        height_px: 135,
+        truth_width_px: 64,
+        ..DemoScene::default()
+    }
 }
 
 fn make(params: &DemoScene, seed: u64, up: Up, metres_per_unit: f64) -> Out {

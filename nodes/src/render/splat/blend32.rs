@@ -10,11 +10,11 @@ use super::settings::{DepthMode, Sort, TILE};
 use super::tile::{Blended, Pixel, Task};
 use crate::math::num;
 
-const LANES: usize = 8;
+pub(super) const LANES: usize = 8;
 /// Number of vectors per row of a tile.
-const HALVES: usize = TILE / LANES;
+pub(super) const HALVES: usize = TILE / LANES;
 /// Number of footprints copied ahead of their use, so that their cache misses overlap.
-const BATCH: usize = 32;
+pub(super) const BATCH: usize = 32;
 
 /// Coefficients of the polynomial of degree 5 with the smallest relative error for 2^f with f in [-1/2, 1/2]
 /// (Remez). The relative error is 7.5e-8 in exact arithmetic. In f32, an error of 2e-7 was measured.
@@ -22,11 +22,11 @@ const EXP2: [f32; 6] = [1.000_000_1, 0.693_146_97, 0.240_221_2, 0.055_507_13, 0.
 /// 1.5 * 2^23. After this is added to a number, the low bits of the mantissa hold the nearest integer.
 const ROUND: f32 = 12_582_912.0;
 /// Base-2 logarithm of the smallest normal f32. Smaller alphas are not blended.
-const LOG2_SMALLEST: f32 = -126.0;
+pub(super) const LOG2_SMALLEST: f32 = -126.0;
 
 /// 2^x for x in [-126, 1].
 #[inline(always)]
-fn exp2<S: Simd>(simd: S, x: f32x8<S>) -> f32x8<S> {
+pub(super) fn exp2<S: Simd>(simd: S, x: f32x8<S>) -> f32x8<S> {
     let rounded = x + ROUND;
     let f = x - (rounded - ROUND);
     let mut p = f32x8::splat(simd, EXP2[5]);

@@ -145,19 +145,19 @@ fn ray_slopes_by_distance(d: DVec3, centre: &ProjectedCentre) -> ([DVec3; 2], DV
 /// A pinhole camera.
 pub(super) struct Pinhole {
     eye: DVec3,
-    right: DVec3,
-    down: DVec3,
-    forward: DVec3,
-    fx: f64,
-    fy: f64,
+    pub(super) right: DVec3,
+    pub(super) down: DVec3,
+    pub(super) forward: DVec3,
+    pub(super) fx: f64,
+    pub(super) fy: f64,
     cx: f64,
     cy: f64,
     width: f64,
     height: f64,
     /// Range of slopes x/z to which the derivative of the projection is clamped.
-    slope_x: [f64; 2],
+    pub(super) slope_x: [f64; 2],
     /// Range of slopes y/z to which the derivative of the projection is clamped.
-    slope_y: [f64; 2],
+    pub(super) slope_y: [f64; 2],
     /// Largest number of pixels per world unit at a depth of 1.
     steepest: f64,
     columns: u16,

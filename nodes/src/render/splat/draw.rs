@@ -49,6 +49,12 @@ pub struct Limit<'a> {
     pub sigmas: f64,
 }
 
+/// First column and row, width and height of a tile in a picture of this width and height, in pixels.
+pub(super) fn area((column, row): (usize, usize), (width, height): (usize, usize)) -> [usize; 4] {
+    let (x0, y0) = (column * TILE, row * TILE);
+    [x0, y0, (width - x0).min(TILE), (height - y0).min(TILE)]
+}
+
 /// Renders one picture.
 pub(super) fn draw<L: CameraModel>(
     splats: &Splats,
@@ -86,8 +92,7 @@ pub(super) fn draw<L: CameraModel>(
         seconds[2] += lap();
         let tiles = cx.for_each_tile(lists.tiles(), |tile| {
             let (list, column, row) = lists.tile(tile);
-            let (x0, y0) = (column * TILE, row * TILE);
-            let area = [x0, y0, (width - x0).min(TILE), (height - y0).min(TILE)];
+            let area = area((column, row), (width, height));
             let strip = &strips[row];
             let limit = limit.map(|limit| limit.depth);
             let task = Task { projected: &projected, list, area, limit, settings, cx, strip };

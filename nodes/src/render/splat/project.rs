@@ -21,7 +21,7 @@ use crate::types::Splats;
 /// Base-2 logarithm of the number of splats per job. It is fixed, so that the order of footprints does not depend
 /// on the number of threads.
 const CHUNK_BITS: u32 = 13;
-const CHUNK: usize = 1 << CHUNK_BITS;
+pub(crate) const CHUNK: usize = 1 << CHUNK_BITS;
 
 /// A splat projected to the image plane. Its alpha at the pixel centre (x, y) is `opacity * 2^-(t^2 + s^2)`
 /// with `t = l11 (x - u) + l21 (y - v)` and `s = l22 (y - v)`. These are the elements of the Cholesky factor of the
@@ -63,6 +63,8 @@ struct Chunk {
     margins: Vec<f32>,
     /// Peak of each footprint, for `RayMedian` and where there are margins.
     peaks: Vec<Peak>,
+    /// Index in the scene of the splat of each footprint; empty unless indices are kept.
+    indices: Vec<u32>,
     reaches: Vec<(u64, TileRange)>,
     skipped: u64,
     directed: u64,
@@ -143,6 +145,24 @@ impl Projected {
         peaks.get(index as usize % CHUNK).unwrap_or(&Peak::NONE)
     }
 
+    /// Number of chunks. Chunk `i` holds the footprints of splats `i * CHUNK..(i + 1) * CHUNK`.
+    pub(super) fn chunks(&self) -> usize {
+        self.chunks.len()
+    }
+
+    /// Footprints of a chunk, in file order, and the index in the scene of the splat of each. The indices are empty
+    /// unless they were kept.
+    pub(super) fn chunk(&self, chunk: usize) -> (&[Footprint], &[u32]) {
+        let Chunk { footprints, indices, .. } = &self.chunks[chunk];
+        (footprints, indices)
+    }
+
+    /// Chunk of the footprint with this index, and the position of the footprint in the chunk.
+    #[inline(always)]
+    pub(super) fn place(index: u32) -> (usize, usize) {
+        ((index >> CHUNK_BITS) as usize, index as usize % CHUNK)
+    }
+
     /// Work counts of the projection.
     pub(super) fn work(&self) -> Work {
         let mut work = Work { faint: self.faint, behind: self.behind, ..Work::default() };
@@ -201,12 +221,37 @@ pub(super) fn project<L: CameraModel>(
     splats: &Splats,
     blocks: Option<&Blocks>,
     camera_model: &L,
-    (settings, limit_sigmas): (&Settings, Option<f64>),
+    how: (&Settings, Option<f64>),
+    cx: &Context,
+    level: Level,
+) -> Result<Projected, NodeError> {
+    project_with(splats, blocks, camera_model, (how.0, how.1, false), cx, level)
+}
+
+/// Same as [`project`], and keeps the index of the splat of each footprint.
+pub(super) fn project_indexed<L: CameraModel>(
+    splats: &Splats,
+    camera_model: &L,
+    settings: &Settings,
+    cx: &Context,
+    level: Level,
+) -> Result<Projected, NodeError> {
+    project_with(splats, None, camera_model, (settings, None, true), cx, level)
+}
+
+fn project_with<L: CameraModel>(
+    splats: &Splats,
+    blocks: Option<&Blocks>,
+    camera_model: &L,
+    (settings, limit_sigmas, indexed): (&Settings, Option<f64>, bool),
     cx: &Context,
     level: Level,
 ) -> Result<Projected, NodeError> {
     let log2_cut = num::f64::log2(settings.alpha_cut);
-    let projection = Projection::new(splats, blocks, camera_model, (settings, limit_sigmas), log2_cut);
+    let projection = Projection {
+        indexed,
+        ..Projection::new(splats, blocks, camera_model, (settings, limit_sigmas), log2_cut)
+    };
     let chunks = cx.for_each_tile(splats.len().div_ceil(CHUNK), |job| {
         let range = job * CHUNK..((job + 1) * CHUNK).min(splats.len());
         dispatch!(level, simd => chunk(simd, &projection, range))
@@ -261,6 +306,8 @@ struct Projection<'a, L> {
     sigmas: f64,
     /// Additional extent of a splat for the low-pass filter and rounding, in pixels.
     beyond: f64,
+    /// True to keep the index of the splat of each footprint.
+    indexed: bool,
 }
 
 impl<'a, L: CameraModel> Projection<'a, L> {
@@ -293,6 +340,7 @@ impl<'a, L: CameraModel> Projection<'a, L> {
             bounded,
             sigmas,
             beyond,
+            indexed: false,
         }
     }
 
@@ -407,6 +455,9 @@ impl<'a, L: CameraModel> Projection<'a, L> {
             Precision::F64 => by.to_bits(),
         };
         out.reaches.push((key, reach));
+        if self.indexed {
+            out.indices.push(index as u32);
+        }
         let (opacity, log2_opacity, z) = (opacity as f32, log2_opacity as f32, depth as f32);
         out.footprints.push(Footprint { u, v, l11, l21, l22, opacity, log2_opacity, rgb, z });
         if settings.depth == DepthMode::RayMedian || self.limit_sigmas > 0.0 {

@@ -50,6 +50,40 @@ pub(super) fn basis(degree: u32, [x, y, z]: [f32; 3]) -> [f32; MAX_LEN] {
     b
 }
 
+/// Gradient with respect to the direction of a function of the basis functions up to `degree` (0 to 3), from its
+/// derivatives by each of them. The basis functions are differentiated as polynomials in three coordinates.
+#[inline(always)]
+pub(super) fn by_direction(degree: u32, [x, y, z]: [f32; 3], by: &[f32; 16]) -> [f32; 3] {
+    if degree == 0 {
+        return [0.0; 3];
+    }
+    let mut out = [-0.488_602_52 * by[3], -0.488_602_52 * by[1], 0.488_602_52 * by[2]];
+    let mut add = |weight: f32, [dx, dy, dz]: [f32; 3]| {
+        out[0] += weight * dx;
+        out[1] += weight * dy;
+        out[2] += weight * dz;
+    };
+    if degree >= 2 {
+        add(1.092_548_5 * by[4], [y, x, 0.0]);
+        add(-1.092_548_5 * by[5], [0.0, z, y]);
+        add(0.315_391_57 * by[6], [-2.0 * x, -2.0 * y, 4.0 * z]);
+        add(-1.092_548_5 * by[7], [z, 0.0, x]);
+        add(0.546_274_24 * by[8], [2.0 * x, -2.0 * y, 0.0]);
+    }
+    if degree >= 3 {
+        let (xx, yy, zz) = (x * x, y * y, z * z);
+        let (xy, yz, xz) = (x * y, y * z, x * z);
+        add(-0.590_043_6 * by[9], [6.0 * xy, 3.0 * (xx - yy), 0.0]);
+        add(2.890_611_4 * by[10], [yz, xz, xy]);
+        add(-0.457_045_8 * by[11], [-2.0 * xy, 4.0 * zz - xx - 3.0 * yy, 8.0 * yz]);
+        add(0.373_176_34 * by[12], [-6.0 * xz, -6.0 * yz, 6.0 * zz - 3.0 * xx - 3.0 * yy]);
+        add(-0.457_045_8 * by[13], [4.0 * zz - 3.0 * xx - yy, -2.0 * xy, 8.0 * xz]);
+        add(1.445_305_7 * by[14], [2.0 * xz, -2.0 * yz, xx - yy]);
+        add(-0.590_043_6 * by[15], [3.0 * (xx - yy), -6.0 * xy, 0.0]);
+    }
+    out
+}
+
 /// Largest colour value, where white is 1. After conversion to linear light, which has an exponent of 2.4, the
 /// value is still a finite f32.
 pub(super) const LARGEST: f32 = 1e15;

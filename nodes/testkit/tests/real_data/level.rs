@@ -47,7 +47,7 @@ fn demo(name: &'static str, place: Setting, floor: (f64, f64)) -> Known {
         width_px: 320,
         height_px: 200,
         truth_width_px: 16,
-        probe_height: 0.3,
+        ..DemoScene::default()
     };
     let splats = DemoScene::run(&params, demo_scene::In {}, &cx).unwrap().0.splats;
     Known { name, splats, truth: Some((DVec3::Z, floor.0)), bounds: (1.0, floor.1) }
