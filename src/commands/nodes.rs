@@ -23,7 +23,7 @@ pub struct Nodes {
 /// first stage, and those whose names begin with `write-` to the last stage.
 const STAGES: [(&str, &[&str]); 7] = [
     ("load", &["demo-scene"]),
-    ("prepare", &["crop-mesh", "extract-mesh", "override-material", "plane"]),
+    ("prepare", &["crop-mesh", "extract-mesh", "override-material", "plane", "train-splats"]),
     ("place", &["camera", "cube-rig", "fit-probe", "pick-cameras", "place", "pose", "snap"]),
     ("light", &["fit-lights", "fuse-hdr", "predict-exposure", "score-env", "splat-panorama", "stitch"]),
     (

@@ -5,6 +5,7 @@ pub mod budget;
 mod compute;
 mod engine;
 mod error;
+pub mod first_graph;
 mod graph;
 pub mod locked;
 pub mod look;

@@ -202,7 +202,7 @@ mod tests {
         assert_eq!((sheet.width, sheet.height), (2, 2 + GAP), "below each other: two rows are squarer");
         assert_eq!(sheet.codes[..6], [255, 255, 255, 0, 0, 0], "two stops brighter");
         assert_eq!(sheet.codes[sheet.codes.len() - 6..], [0, 0, 0, 255, 255, 255], "infinitely far is white");
-        assert_eq!(ranges, ["a: black is 2, white 2"]);
+        assert_eq!(ranges, ["a: black is 2, white is 2"]);
         let normal = Image::<Data>::from_samples(1, 1, 3, vec![-1.0, 0.0, 1.0]);
         assert_eq!(shown(&normal.into(), 0.0).0, [0, 128, 255]);
     }

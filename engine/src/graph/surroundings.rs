@@ -1,4 +1,4 @@
-//! What the code of a node may read in addition to its parameters, values and files.
+//! Everything that the code of a node may read in addition to its parameters, values and files.
 
 use std::sync::Arc;
 

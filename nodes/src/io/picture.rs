@@ -466,6 +466,6 @@ mod tests {
             assert!(refused(&of(more), "").contains("luminance and chroma"));
             assert_eq!(load(&of(more), FileEncoding::Auto, "Y").0.size(), (1, 1, 1));
         }
-        assert!(refused(&of(&["R", "G"]), "").contains("its channels are G, R"));
+        assert!(refused(&of(&["R", "G"]), "").contains("the channels of the file are G, R"));
     }
 }

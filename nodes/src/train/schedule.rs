@@ -45,21 +45,21 @@ pub const NOISE: f64 = 5e5;
 /// Learning rates of one iteration.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rates {
-    /// Of centres, in world units.
+    /// Rate of centres, in world units.
     pub mean: f32,
-    /// Of quaternions.
+    /// Rate of quaternions.
     pub quat: f32,
-    /// Of logarithms of standard deviations.
+    /// Rate of logarithms of standard deviations.
     pub log_scale: f32,
-    /// Of logits of opacities.
+    /// Rate of logits of opacities.
     pub logit: f32,
-    /// Of the coefficients of degree 0.
+    /// Rate of the coefficients of degree 0.
     pub colour: f32,
-    /// Of the coefficients of higher degrees.
+    /// Rate of the coefficients of higher degrees.
     pub harmonics: f32,
-    /// Of logarithms of gains.
+    /// Rate of logarithms of gains.
     pub log_gain: f32,
-    /// Of the background.
+    /// Rate of the background.
     pub background: f32,
 }
 

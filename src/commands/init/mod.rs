@@ -1,17 +1,13 @@
 //! `init`: creates a folder with a first graph, for a synthetic scene or for the user's files.
 
-pub(super) mod assumptions;
-pub(super) mod graph;
-mod sky;
-pub(super) mod survey;
-
 use std::path::PathBuf;
 
 use clap::Args;
 
 use crate::session::Error;
+use crate::session::first_graph::survey::{self, Survey};
+use crate::session::first_graph::{assumptions, graph};
 use crate::terminal;
-use survey::Survey;
 
 /// Creates a folder with a commented graph that can be run without changes.
 ///

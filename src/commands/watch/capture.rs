@@ -7,9 +7,9 @@ use glam::DVec3;
 use nodes::render::layout::{Extents, Viewpoint, arrange};
 use serve::{Proposal, Stand, Starter};
 
-use crate::commands::init::assumptions;
-use crate::commands::init::graph::{of_capture, text};
-use crate::commands::init::survey::{Files, Survey, Wanted, decimals, metres, relative, rounded};
+use crate::session::first_graph::assumptions;
+use crate::session::first_graph::graph::{of_capture, text};
+use crate::session::first_graph::survey::{Files, Survey, Wanted, decimals, metres, relative, rounded};
 use crate::session::standing::Standing;
 use crate::session::{Error, splats};
 use crate::terminal;

@@ -54,7 +54,7 @@ fn run(p: &TrainSplats, photos: &Arc<Photos>) -> Result<(Out, Notes), NodeError>
     TrainSplats::run(p, In { photos: photos.clone(), splats: None }, &context())
 }
 
-/// 14 photographs, of which 2 are held out, 1,000 splats and 200 iterations give a held-out PSNR that a training
+/// Twelve photographs for training, two held out, 1,000 splats and 200 iterations give a held-out PSNR that a training
 /// without gradients of the centres or of the colours does not reach; before training it is far lower. A second
 /// training from the result goes on.
 #[test]

@@ -18,8 +18,14 @@ fn graph(axes: &str, between: &str) -> Graph {
             {between}
         ))"#
     );
+    // Only their existence is checked.
+    let folder = tempfile::tempdir().unwrap_or_else(|e| panic!("{e}"));
+    for name in ["photo.png", "light.exr", "mesh.ply", "a.png", "a.ply", "b.ply", "c.ply", "d.ply"] {
+        std::fs::write(folder.path().join(name), "").unwrap_or_else(|e| panic!("{e}"));
+    }
     let source = Source::new("graph.ron", text);
-    Graph::parse(source, &nodes::registry(), SourceRoot::new(".")).unwrap_or_else(|e| panic!("{e:?}"))
+    Graph::parse(source, &nodes::registry(), SourceRoot::new(folder.path()))
+        .unwrap_or_else(|e| panic!("{e:?}"))
 }
 
 /// Digests of outputs that are equal where kind and parameters are equal. A `pick-cameras` without `pick` passes its

@@ -76,7 +76,7 @@ fn basis(x: f64, y: f64, z: f64) -> [f64; 16] {
     ]
 }
 
-/// What happens to a splat at a pixel. Alpha jumps at the cutoff and at the end of a pixel, so finite differences
+/// The treatment of a splat at a pixel. Alpha jumps at the cutoff and at the end of a pixel, so finite differences
 /// keep these decisions.
 #[derive(Clone, Copy, PartialEq, Debug)]
 enum Decision {

@@ -32,6 +32,7 @@ pub struct Assumption {
     pub confidence: Option<f64>,
 }
 
+#[cfg(feature = "serve")]
 impl Assumption {
     /// The value, followed by the confidence in words.
     pub fn text(&self) -> String {

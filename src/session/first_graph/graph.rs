@@ -73,6 +73,7 @@ impl Lines {
 }
 
 /// Writes the graph of a capture without an object: a view of the place.
+#[cfg(feature = "serve")]
 pub fn of_capture(splats: &str, standing: &Standing, metres_per_unit: f64, view: &Viewpoint) -> String {
     let mut o = Lines::default();
     o.line("// A captured place, written by `lightharmony watch`. On the live page, an object can be put into it.");
