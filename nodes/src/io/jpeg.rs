@@ -1,22 +1,15 @@
 //! JPEG: reading to 8-bit codes, and writing.
 
-use image::metadata::Orientation;
 use zune_jpeg::JpegDecoder;
 use zune_jpeg::zune_core::colorspace::ColorSpace;
 use zune_jpeg::zune_core::options::DecoderOptions;
 
+use super::exif::other_orientation;
 use super::icc;
 use super::png::{Raster, believable};
 use super::progress::{Progress, TrackedReader, TrackedWriter};
 use super::source_colour::SourceColour;
 use crate::error::Error;
-
-/// Text about the orientation that EXIF data state; `None` if it is upright or not stated.
-pub(super) fn other_orientation(exif: &[u8]) -> Option<String> {
-    let exif = exif.strip_prefix(b"Exif\0\0").unwrap_or(exif);
-    let turned = Orientation::from_exif_chunk(exif).is_some_and(|turn| turn != Orientation::NoTransforms);
-    turned.then(|| "an orientation other than upright (EXIF)".to_owned())
-}
 
 /// Reads a JPEG as RGB codes. The channels of grey pictures are equal.
 pub fn read(file: &str, bytes: &[u8]) -> Result<Raster, Error> {

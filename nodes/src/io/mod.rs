@@ -4,6 +4,7 @@
 pub(crate) mod base64;
 pub(crate) mod colour_range;
 pub mod cube;
+mod exif;
 pub mod exr;
 pub(crate) mod foreign;
 pub mod gltf;

@@ -5,13 +5,14 @@ use std::io::Read as _;
 use flate2::read::ZlibDecoder;
 use png::{BitDepth, CodingIndependentCodePoints, ColorType, Decoder, Encoder, Limits, Transformations};
 
+use super::exif::other_orientation;
 use super::exr::differ_from_srgb;
+use super::icc;
 pub use super::png_pack::Packing;
 use super::png_pack::pack;
 use super::progress::{Progress, TrackedReader};
 pub use super::raster::Raster;
 use super::source_colour::SourceColour;
-use super::{icc, jpeg};
 use crate::error::Error;
 use crate::math::color::space::Space;
 
@@ -78,7 +79,7 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Rast
             colour = chromaticities(info, &mut ignored);
         }
     }
-    ignored.extend(chunk(bytes, *b"eXIf").and_then(jpeg::other_orientation));
+    ignored.extend(chunk(bytes, *b"eXIf").and_then(other_orientation));
     if info.animation_control.is_some() {
         ignored.push("animation frames after the first".to_owned());
     }

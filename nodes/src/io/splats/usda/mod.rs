@@ -9,7 +9,7 @@ mod transform;
 use engine::{NodeError, Notes, Up};
 use glam::{DMat3, DMat4, DVec3};
 
-use self::prim::{COEFFICIENTS, Field, Stage};
+use self::prim::{COEFFICIENTS, FLATTEN, Field, PRIM, Stage};
 use self::scan::Scan;
 use super::frame::Turn;
 use super::loaded::Loaded;
@@ -23,13 +23,8 @@ pub(super) const MAGIC: &[u8] = b"#usda";
 /// First bytes of binary USD.
 pub(super) const BINARY: &[u8] = b"PXR-USDC";
 
-/// Type of the prims of splats.
-const PRIM: &str = "ParticleField3DGaussianSplat";
 /// Metres per unit of a file that does not specify it, as defined by USD.
 const CENTIMETRE: f64 = 0.01;
-/// Remedy for files that refer to others.
-const FLATTEN: &str = "`usdcat --flatten` writes a file that contains everything";
-
 /// Loads a file.
 pub(super) fn load(
     file: &str,

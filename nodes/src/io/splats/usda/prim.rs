@@ -5,9 +5,13 @@ use std::collections::BTreeMap;
 use glam::DMat4;
 
 use super::scan::{Scan, Setting};
-use super::{FLATTEN, PRIM, transform};
+use super::transform;
 use crate::error::Error;
 
+/// Type of the prims of splats.
+pub(super) const PRIM: &str = "ParticleField3DGaussianSplat";
+/// Remedy for files that refer to others.
+pub(super) const FLATTEN: &str = "`usdcat --flatten` writes a file that contains everything";
 /// Attribute of the harmonics.
 pub(super) const COEFFICIENTS: &str = "radiance:sphericalHarmonicsCoefficients";
 /// Attributes of splats that are read. Each may have a form of half precision, whose name ends in `h`.

@@ -5,6 +5,7 @@ use crate::geometry::bvh::Ray;
 use crate::geometry::sampling::{Points, stream};
 use crate::math::equirect;
 use crate::render::transport::path::light_points::LightPoints;
+use crate::render::transport::path::near_draws::NearDraws;
 use crate::render::transport::path::near_field::NearFieldLight;
 use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::sky::environment::EnvironmentLight;
@@ -152,7 +153,7 @@ fn light_samples_follow_their_density() {
             let mut counts = vec![0.0; bins.len()];
             for i in 0..n {
                 let points = Points::new(stream(2, i, 0), 0);
-                let [sample, ..] = near.sample((point, near.samples(side)), points, 1, 0);
+                let [sample, ..] = NearDraws::at_one(near, (point, near.samples(side)), points, 1, 0);
                 let (light, place) = sample.expect("light");
                 let ray = NearFieldLight::towards(Ray::new(point, light.direction), place.as_ref());
                 // Surfaces that the point cannot see from its side have no light.

@@ -3,7 +3,7 @@
 use glam::Vec3;
 
 use super::integrator::Integrator;
-use super::near_draws::{MOST, NearSamples};
+use super::near_draws::{MOST, NearDraws, NearSamples};
 use super::near_field::{ArrivingLight, NearFieldLight};
 use super::path::ShadingPoint;
 use crate::geometry::bvh::{Hit, Ray};
@@ -119,7 +119,7 @@ impl<'a> Integrator<'a> {
         let (surface, lights) = (&at.surface, near_lights(at));
         self.tally.rays.shadow += u64::from(lights);
         let vertex = (surface.looks_from(), near.samples(surface.bsdf.lit_side()));
-        near.sample(vertex, self.pass.points, lights, at.pair)
+        NearDraws::at_one(*near, vertex, self.pass.points, lights, at.pair)
     }
 
     fn lit_by_sky(&mut self, at: &ShadingPoint) -> Vec3 {

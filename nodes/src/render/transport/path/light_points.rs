@@ -13,8 +13,7 @@ use std::f64::consts::PI;
 use fearless_simd::{Level, dispatch};
 use glam::{DVec3, Vec3};
 
-use super::wide_lights::{LANES, WideLights};
-
+use super::wide_lights::{LANES, LightPoint, WideLights};
 use crate::geometry::bvh::Ray;
 use crate::geometry::sampling::{Points, circle, fraction, stream};
 use crate::math::num;
@@ -30,18 +29,6 @@ const BLOCK: usize = 32;
 /// One virtual light in this many is sampled with a uniformly distributed direction, since surfaces that are dark
 /// but near contribute too.
 const SPREAD: u32 = 4;
-
-/// A virtual light.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct LightPoint {
-    /// Position on the receiver, or unit direction to the sky.
-    pub(super) at: Vec3,
-    /// Unit normal of the receiver on the side of the point of capture; `None` for the sky.
-    pub(super) normal: Option<Vec3>,
-    pub(super) radiance: Vec3,
-    /// Area on the receiver, or solid angle of the sky.
-    pub(super) size: f32,
-}
 
 /// The virtual lights.
 #[derive(Debug)]

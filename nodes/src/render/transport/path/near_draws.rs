@@ -15,7 +15,7 @@ pub(crate) const MOST: usize = 4;
 pub(crate) type NearSamples = [Option<ArrivingLight>; MOST];
 
 /// A vertex: the point from which near light is sampled, and the distributions for its lit side.
-type NearVertex<'a> = (Vec3, DefensiveSampling<'a>);
+pub(crate) type NearVertex<'a> = (Vec3, DefensiveSampling<'a>);
 
 /// Light samples of near light for a batch of vertices.
 #[derive(Debug)]
@@ -56,6 +56,22 @@ impl<'a> NearDraws<'a> {
             lights: Vec::new(),
             found: Vec::new(),
         }
+    }
+
+    /// Takes light samples for a single vertex at sub-samples of `points`, from the pair of sample dimensions `pair`,
+    /// into the first `count` entries of the result. Traces one ray for each. Entries are `None` where no light comes
+    /// from the lit side.
+    pub(crate) fn at_one(
+        near: NearFieldLight<'a>,
+        (point, samples): NearVertex<'a>,
+        points: Points,
+        count: u32,
+        pair: u32,
+    ) -> NearSamples {
+        let mut draws = Self::new(near, count, pair);
+        draws.push(point, samples, points);
+        draws.draw();
+        draws.of(0)
     }
 
     /// Empties the batch. Its next samples are `count` per vertex, from the pair of sample dimensions `pair`.

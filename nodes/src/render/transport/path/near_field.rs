@@ -14,9 +14,7 @@
 
 use glam::Vec3;
 
-use super::near_draws::{NearDraws, NearSamples};
 use crate::geometry::bvh::{Hit, Ray};
-use crate::geometry::sampling::Points;
 use crate::math::color::luminance;
 use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::sky::defensive::DefensiveSampling;
@@ -68,22 +66,6 @@ impl<'a> NearFieldLight<'a> {
     /// Light samples for surfaces that are lit from one side, or from all directions if `side` is `None`.
     pub fn samples(&self, side: Option<Vec3>) -> DefensiveSampling<'a> {
         DefensiveSampling::new(self.sky, side)
-    }
-
-    /// Takes light samples for `point` at sub-samples of `points`, from the pair of sample dimensions `pair`, into
-    /// the first `count` entries of the result. Traces one ray for each. Entries are `None` where no light comes
-    /// from the lit side.
-    pub(crate) fn sample(
-        &self,
-        (point, samples): (Vec3, DefensiveSampling<'a>),
-        points: Points,
-        count: u32,
-        pair: u32,
-    ) -> NearSamples {
-        let mut draws = NearDraws::new(*self, count, pair);
-        draws.push(point, samples, points);
-        draws.draw();
-        draws.of(0)
     }
 
     /// Ratio of the solid angles that a surface element subtends at the point of capture and at `point`. 0 if these

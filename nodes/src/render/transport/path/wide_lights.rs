@@ -5,10 +5,20 @@ use std::f32::consts::TAU;
 use fearless_simd::{f32x8, prelude::*};
 use glam::Vec3;
 
-use super::light_points::LightPoint;
-
 /// Number of lights per group.
 pub(super) const LANES: usize = 8;
+
+/// A virtual light.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct LightPoint {
+    /// Position on the receiver, or unit direction to the sky.
+    pub(super) at: Vec3,
+    /// Unit normal of the receiver on the side of the point of capture; `None` for the sky.
+    pub(super) normal: Option<Vec3>,
+    pub(super) radiance: Vec3,
+    /// Area on the receiver, or solid angle of the sky.
+    pub(super) size: f32,
+}
 
 /// Eight virtual lights, one per lane. Empty lanes have no light.
 #[derive(Debug, Clone, Copy)]
