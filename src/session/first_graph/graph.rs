@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 
 use glam::DVec3;
+#[cfg(feature = "serve")]
 use nodes::render::layout::Viewpoint;
 
 use super::sky::Sky;
