@@ -57,7 +57,7 @@ pub struct Row<'a> {
 }
 
 impl Backward {
-    /// Number of chunks of [`CHUNK`](super::CHUNK) splats.
+    /// Number of chunks of `CHUNK` splats.
     pub fn chunks(&self) -> usize {
         self.sums.len()
     }
