@@ -224,8 +224,8 @@ pub fn count_images(reader: &mut impl BufRead) -> std::io::Result<usize> {
     }
 }
 
-/// Number of words that distinguish a long line of points from an image: four points. An image has ten words or more,
-/// and its tenth word begins its name.
+/// Number of words that distinguish a long line of points from an image: four points. An image has ten words or
+/// more, and its tenth word begins its name.
 const FEW: usize = 12;
 
 /// True if a line of images.txt lists points.

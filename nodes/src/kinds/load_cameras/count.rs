@@ -28,7 +28,8 @@ pub fn images_of(path: &InputFile, root: &SourceRoot) -> Option<usize> {
     usize::try_from(u64::from_le_bytes(count)).ok().filter(|count| (1..=CAMERA_LIMIT).contains(count))
 }
 
-/// Total size in bytes of the files that are read completely to load the cameras. Of pictures, only the head is read.
+/// Total size in bytes of the files that are read completely to load the cameras. Of pictures, only the head is
+/// read.
 pub fn read_bytes(
     path: &InputFile,
     dataparser: Option<&InputFile>,
@@ -39,8 +40,8 @@ pub fn read_bytes(
     Ok(named.iter().chain(dataparser).map(size).fold(0, u64::saturating_add))
 }
 
-/// Number of images in the `images.txt` of a COLMAP model, which is read line by line. `None` for other files, if the
-/// file cannot be read, and if it has no image or more images than the limit.
+/// Number of images in the `images.txt` of a COLMAP model, which is read line by line. `None` for other files, if
+/// the file cannot be read, and if it has no image or more images than the limit.
 pub fn lines_of_images(path: &InputFile, root: &SourceRoot) -> Option<usize> {
     if is_json(path) || is_gltf(path) {
         return None;

@@ -1,7 +1,7 @@
 //! Lens distortion of camera models, and upper bounds on how far it moves a point of the picture.
 
-/// Distortion coefficients of the camera models of OpenCV and COLMAP, except the fisheye models. OpenCV uses `k4` in
-/// the denominator of its rational model, and nerfstudio as the coefficient of r^8. The bound of
+/// Distortion coefficients of the camera models of OpenCV and COLMAP, except the fisheye models. OpenCV uses `k4`
+/// in the denominator of its rational model, and nerfstudio as the coefficient of r^8. The bound of
 /// [`Coefficients::pixels`] holds for both uses.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Coefficients {

@@ -203,8 +203,8 @@ fn focal(holder: &Value, [length, radians, degrees]: [&str; 3], size: u64) -> Re
         .ok_or_else(|| format!("has the angle `{degrees}` {angle}, which is not between 0 and 180 degrees"))
 }
 
-/// Focal length in pixels of a lens whose field of view, in radians, covers `size` pixels. `None` if the field of view
-/// is not between 0 and pi.
+/// Focal length in pixels of a lens whose field of view, in radians, covers `size` pixels. `None` if the field of
+/// view is not between 0 and pi.
 fn by_angle(angle: f64, size: u64) -> Option<f64> {
     let valid = angle > 0.0 && angle < std::f64::consts::PI;
     valid.then(|| size as f64 / 2.0 / num::f64::tan(angle / 2.0))
@@ -215,8 +215,8 @@ const COEFFICIENTS: [&str; 8] = ["k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"]
 /// Positions of the numbers of nerfstudio's `distortion_params` in [`COEFFICIENTS`]: k1, k2, k3, k4, p1, p2.
 const LISTED: [usize; 6] = [0, 1, 2, 3, 6, 7];
 
-/// Coefficients of lens distortion of a frame, and the non-zero coefficients as text. They are keys of their own, or
-/// the numbers of the list `distortion_params`. If both give a coefficient, the larger magnitude counts, since
+/// Coefficients of lens distortion of a frame, and the non-zero coefficients as text. They are keys of their own,
+/// or the numbers of the list `distortion_params`. If both give a coefficient, the larger magnitude counts, since
 /// programs differ in which they prefer.
 fn coefficients(top: &Value, frame: &Value) -> Result<(Coefficients, Vec<String>), String> {
     const LIST: &str = "distortion_params";

@@ -82,7 +82,8 @@ engine::params! {
         /// COLMAP models and `transforms.json` need it; `camera_path.json` is already in the coordinates of the
         /// splats.
         dataparser: Option<InputFile> = None, other("Some(\"dataparser_transforms.json\")");
-        /// Rotation, uniform scale and translation of the cameras: a 4x4 matrix in row-major order, as in `load-splats`.
+        /// Rotation, uniform scale and translation of the cameras: a 4x4 matrix in row-major order, as in
+        /// `load-splats`.
         matrix: Option<[f64; 16]> = None, other("Some((0.0, -1.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0))");
     }
 }
@@ -213,9 +214,9 @@ impl Kind for LoadCameras {
     }
 }
 
-/// The file `dataparser_transforms.json` in the folder of a `transforms.json`, which `path` names directly or by its
-/// folder. `None` if there is no such file, if the parameter `dataparser` is set, or for any other cameras file. Nerfstudio's `camera_path.json` is already in
-/// the coordinates of the splats.
+/// The file `dataparser_transforms.json` in the folder of a `transforms.json`, which `path` names directly or by
+/// its folder. `None` if there is no such file, if the parameter `dataparser` is set, or for any other cameras
+/// file. Nerfstudio's `camera_path.json` is already in the coordinates of the splats.
 fn unused_dataparser(p: &LoadCameras, root: &SourceRoot) -> Option<SourceFile> {
     let json = json_file(&p.path, root).filter(|_| p.dataparser.is_none())?;
     let needs = json.0.to_lowercase().ends_with("transforms.json") && !json.0.ends_with(dataparser::NAME);

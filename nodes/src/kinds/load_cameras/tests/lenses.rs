@@ -1,4 +1,4 @@
-//! Distortion and fields of view in the forms that nerfstudio writes.
+//! Distortion, lens flags and fields of view.
 
 use super::*;
 
@@ -66,4 +66,88 @@ fn angles_outside_half_a_turn_are_errors() {
         {"camera_to_world": [0,1,0,1, 1,0,0,2, 0,0,-1,3, 0,0,0,1], "fov": 200}]}"#;
     let error = of_json(path).err().map(|e| e.to_string()).unwrap_or_default();
     assert!(error.contains("`fov` 200, which is not between 0 and 180 degrees"), "{error}");
+}
+
+// A frame's own lens counts, whatever the top of the file says. An earlier version took the angle of the top.
+#[test]
+fn the_lens_of_a_frame_counts_before_that_of_the_file() {
+    let angle = 2.0 * crate::math::num::atan2(20.0, 50.0);
+    let degrees = angle.to_degrees();
+    let size = r#""w": 40, "h": 30, "#;
+    for (top, frame) in [
+        (r#""camera_angle_x": 1.5, "#.to_owned(), format!(r#""camera_angle_x": {angle}, {size}"#)),
+        (format!(r#""camera_angle_x": {angle}, {size}"#), String::new()),
+        (format!(r#""fl_x": 77, "fl_y": 99, {size}"#), format!(r#""camera_angle_x": {angle}, "#)),
+        (format!(r#""camera_angle_x": 0.3, "camera_angle_y": 0.2, {size}"#), r#""fl_x": 50, "#.to_owned()),
+        (format!(r#""fl_x": 50, "camera_angle_x": 0.3, {size}"#), String::new()),
+        (size.to_owned(), format!(r#""x_fov": {degrees}, "#)),
+        (r#""w": 80, "h": 60, "fl_x": 3, "#.to_owned(), r#""w": 40.0, "h": 30.0, "fl_y": 50, "#.to_owned()),
+    ] {
+        let text = frames(&top, &frame);
+        let camera = of_json(&text).unwrap_or_else(|e| panic!("{text}: {e}")).0.remove(0);
+        assert!((camera.fx - 50.0).abs() < 1e-9 && (camera.fy - 50.0).abs() < 1e-9, "{text}: {camera:?}");
+        assert_eq!((camera.width_px, camera.height_px, camera.cx, camera.cy), (40, 30, 20.0, 15.0));
+    }
+}
+
+// instant-ngp says the lens by flags, at the top or in a frame.
+#[test]
+fn flags_of_lenses_are_read() {
+    let lens = r#""w": 40, "h": 30, "fl_x": 50, "#;
+    for flag in [r#""is_fisheye": true, "#, r#""is_fisheye": 1, "#, r#""is_fisheye": "True", "#] {
+        for text in [frames(&format!("{flag}{lens}"), ""), frames(lens, flag)] {
+            let error = of_json(&text).err().map(|e| e.to_string()).unwrap_or_default();
+            assert!(error.contains("distortion") && error.contains("is_fisheye"), "{text}: {error}");
+        }
+    }
+    for flag in ["latlong", "equirectangular", "orthographic"] {
+        let error = of_json(&frames(&format!(r#""{flag}": true, {lens}"#), "")).err().map(|e| e.to_string());
+        assert!(error.is_some_and(|e| e.contains(flag)));
+    }
+    // A frame may say that it is not a fisheye.
+    for text in [
+        frames(&format!(r#""is_fisheye": false, {lens}"#), ""),
+        frames(&format!(r#""is_fisheye": true, {lens}"#), r#""is_fisheye": false, "#),
+        frames(&format!(r#""camera_model": "pinhole", {lens}"#), ""),
+        frames(&format!(r#""camera_model": "SIMPLE_RADIAL", "k1": 0.0, {lens}"#), ""),
+    ] {
+        assert!(of_json(&text).is_ok(), "{text}");
+    }
+    let error = of_json(&frames(&format!(r#""camera_model": "omnidirectional", {lens}"#), ""));
+    assert!(error.err().is_some_and(|e| e.to_string().contains("`omnidirectional`")));
+}
+
+// Undistorters leave coefficients that move nothing. An earlier version refused them.
+#[test]
+fn distortion_far_below_a_pixel_is_left_out() {
+    let lens = r#""w": 4000, "h": 3000, "fl_x": 3000, "#;
+    let json = |k1: f64, p2: f64| of_json(&frames(&format!(r#""k1": {k1:e}, "p2": {p2:e}, {lens}"#), ""));
+    for (k1, p2) in [(1e-6, 0.0), (-1e-6, 1e-7), (0.0, 1e-6)] {
+        let (_, notes) = json(k1, p2).unwrap_or_else(|e| panic!("{e}"));
+        assert!(notes.iter().any(|note| note.id == "distortion-invisible") && !notes.is_degraded());
+    }
+    assert!(json(1e-3, 0.0).is_err() && json(0.0, 1e-4).is_err() && json(f64::NAN, 0.0).is_err());
+    let text = images();
+    let colmap = |model: &str| {
+        let cameras = format!("7 {model}\n");
+        load(&[("m/cameras.txt", cameras.as_bytes()), ("m/images.txt", text.as_bytes())], &node("m"))
+    };
+    for tiny in [
+        "SIMPLE_RADIAL 40 30 50 20 15 1e-6",
+        "RADIAL 40 30 50 20 15 0 -1e-6",
+        "OPENCV 40 30 50 50 20 15 0 0 1e-6 0",
+        "FULL_OPENCV 40 30 50 50 20 15 0 0 0 0 1e-6 0 0 1e-7",
+        "FOV 40 30 50 50 20 15 1e-4",
+    ] {
+        assert!(colmap(tiny).is_ok_and(|(_, notes)| !notes.is_degraded()), "{tiny}");
+    }
+    for seen in [
+        "RADIAL 40 30 50 20 15 0 -0.3",
+        "FULL_OPENCV 40 30 50 50 20 15 0 0 0 0 0.4 0 0 0",
+        "FOV 40 30 50 50 20 15 0.7",
+        "SIMPLE_RADIAL_FISHEYE 40 30 50 20 15 1e-9",
+        "OPENCV 40 30 50 50 20 15 nan 0 0 0",
+    ] {
+        assert!(colmap(seen).is_err(), "{seen}");
+    }
 }
