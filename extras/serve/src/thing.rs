@@ -6,7 +6,7 @@ use cache::Digest;
 use engine::{Engine, Graph, Wire};
 use nodes::types::{Mesh, Object, Placed, Rig, Splats};
 
-use crate::values::Weight;
+use crate::values::{Weight, stored_or_computed};
 
 /// Types of values that the place view reads.
 pub const TYPES: [&str; 5] = ["splats", "mesh", "object", "placed", "rig"];
@@ -26,8 +26,8 @@ pub enum Thing {
 }
 
 impl Thing {
-    /// Gets a value of type `type_name` from memory or from the store. `wire` is the output that has the value now, from which a value that is not
-    /// stored is computed again. `None` if the value is gone or has no position in space.
+    /// Gets a value of type `type_name` from memory or from the store, or computes it again from `wire`, the output
+    /// that has the value now. `None` if the value is gone or has no position in space.
     pub fn read(
         engine: &Engine,
         type_name: &str,
@@ -38,10 +38,7 @@ impl Thing {
             ($type:ident) => {
                 engine
                     .in_memory::<$type>(digest)
-                    .or_else(|| engine.stored::<$type>(digest).map(Arc::new))
-                    .or_else(|| {
-                        wire.and_then(|(graph, wire)| engine.value::<$type>(graph, wire)).map(Arc::new)
-                    })
+                    .or_else(|| stored_or_computed(engine, digest, wire).map(Arc::new))
                     .map(Self::$type)
             };
         }

@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use cache::Digest;
-use engine::{Engine, Graph, Wire};
+use engine::{Artifact, Engine, Graph, Wire};
 use nodes::io::png::{Packing, Raster, write_for};
 use nodes::io::progress::Progress;
 use nodes::math::color::space::Space;
@@ -51,6 +51,15 @@ struct PictureDescription<'a> {
     high: f32,
 }
 
+/// A value from the store or, if it is not stored, computed again from `wire`, the output that has the value now.
+pub fn stored_or_computed<T: Artifact>(
+    engine: &Engine,
+    digest: &Digest,
+    wire: Option<(&Graph, Wire)>,
+) -> Option<T> {
+    engine.stored::<T>(digest).or_else(|| wire.and_then(|(graph, wire)| engine.value::<T>(graph, wire)))
+}
+
 impl Shown {
     /// Reads a value of type `type_name`. `wire` is the output that has the value now, from which a value that is
     /// not stored is computed again. `None` if the value is gone or cannot be shown.
@@ -62,9 +71,7 @@ impl Shown {
     ) -> Option<Self> {
         macro_rules! value {
             ($type:ty) => {
-                engine
-                    .stored::<$type>(digest)
-                    .or_else(|| wire.and_then(|(graph, wire)| engine.value::<$type>(graph, wire)))
+                stored_or_computed::<$type>(engine, digest, wire)
             };
         }
         let single = |name: &str, picture: Picture| vec![NamedImage { name: name.to_owned(), picture }];
