@@ -12,6 +12,7 @@ mod layers;
 mod messages;
 mod names;
 mod other_tools;
+mod photos;
 mod reference;
 #[cfg(feature = "remote")]
 mod remote;
