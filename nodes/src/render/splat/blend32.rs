@@ -2,43 +2,14 @@
 //! same IEEE operations for any vector width, and a row is skipped only if none of its pixels can reach
 //! `alpha_cut`.
 
-use fearless_simd::{Level, dispatch, f32x8, f32x16, mask32x8, prelude::*, u32x8};
+use fearless_simd::{Level, dispatch, f32x8, f32x16, mask32x8, prelude::*};
 
 use super::peak::{COUNTS_DOWN_TO, HELD_COUNTS, Peak, SHEET};
 use super::project::Footprint;
+use super::rows::{BATCH, HALVES, LANES, LOG2_SMALLEST, Rows, exp2};
 use super::settings::{DepthMode, Sort, TILE};
 use super::tile::{Blended, Pixel, Task};
 use crate::math::num;
-
-pub(super) const LANES: usize = 8;
-/// Number of vectors per row of a tile.
-pub(super) const HALVES: usize = TILE / LANES;
-/// Number of footprints copied ahead of their use, so that their cache misses overlap.
-pub(super) const BATCH: usize = 32;
-
-/// Coefficients of the polynomial of degree 5 with the smallest relative error for 2^f with f in [-1/2, 1/2]
-/// (Remez). The relative error is 7.5e-8 in exact arithmetic. In f32, an error of 2e-7 was measured.
-const EXP2: [f32; 6] = [1.000_000_1, 0.693_146_97, 0.240_221_2, 0.055_507_13, 0.009_675_541, 0.001_327_647_2];
-/// 1.5 * 2^23. After this is added to a number, the low bits of the mantissa hold the nearest integer.
-const ROUND: f32 = 12_582_912.0;
-/// Base-2 logarithm of the smallest normal f32. Smaller alphas are not blended.
-pub(super) const LOG2_SMALLEST: f32 = -126.0;
-
-/// 2^x for x in [-126, 1].
-#[inline(always)]
-pub(super) fn exp2<S: Simd>(simd: S, x: f32x8<S>) -> f32x8<S> {
-    let rounded = x + ROUND;
-    let f = x - (rounded - ROUND);
-    let mut p = f32x8::splat(simd, EXP2[5]);
-    p = p * f + EXP2[4];
-    p = p * f + EXP2[3];
-    p = p * f + EXP2[2];
-    p = p * f + EXP2[1];
-    p = p * f + EXP2[0];
-    let whole: u32x8<S> = rounded.bitcast();
-    let bits: u32x8<S> = p.bitcast();
-    (bits + (whole << 23)).bitcast()
-}
 
 /// Indices of the variants of [`DepthMode`] as constants, so that one loop is compiled for each variant.
 const EXPECTED: u8 = 0;
@@ -183,29 +154,13 @@ fn tile<S: Simd, const DEPTH: u8>(simd: S, task: &Task<'_, '_>) -> Blended {
                     }
                 }
             }
-            let (l11, l21, l22) = (f.l11 as f32, f.l21 as f32, f.l22 as f32);
-            let t = rows * l21 + (f.l11 * dx + f.l21 * dy) as f32;
-            let s = (rows + dy as f32) * l22;
-            let exponents = f32x16::splat(simd, f.log2_opacity) - s * s;
-            // Largest |t|, with a margin so that rounding loses no pixel.
-            let reach = (exponents - (log2_cut - 1e-4)).max(0.0).sqrt();
-            let seen = exponents.simd_ge(log2_cut - 1e-4);
-            let in_left = seen & t.simd_le(reach) & (t + 7.0 * l11).simd_ge(-reach);
-            let right = t + 8.0 * l11;
-            let in_right = seen & right.simd_le(reach) & (t + 15.0 * l11).simd_ge(-reach);
-            let hit = if split {
-                seen.to_bitmask() as u32 | (seen.to_bitmask() as u32) << TILE
-            } else {
-                in_left.to_bitmask() as u32 | (in_right.to_bitmask() as u32) << TILE
-            };
+            let exponents = Rows::of(simd, rows, f, (dx, dy), log2_cut);
+            let hit = if split { exponents.in_any_column } else { exponents.reached };
             let mut todo = hit & live;
             if todo == 0 {
                 continue;
             }
-            let (mut t_of, mut peak_of) = ([0.0_f32; TILE * HALVES], [0.0_f32; TILE]);
-            t.store_slice(&mut t_of[..TILE]);
-            right.store_slice(&mut t_of[TILE..]);
-            exponents.store_slice(&mut peak_of);
+            let (t_of, peak_of) = exponents.store();
             // One over the depth of the splat's peak, in the first column; to first order, see [`Peak`].
             let mut inverse_of = [0.0_f32; TILE];
             let inverse_step = (peak.inverse * peak.across) as f32;

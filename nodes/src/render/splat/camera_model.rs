@@ -229,9 +229,9 @@ impl CameraModel for Pinhole {
         z <= near
     }
 
-    /// Returns true if a splat lies outside one of the four edges of the picture. The comparisons are in coordinates
-    /// multiplied by z, so that most splats outside the picture need no division. There are no branches, so the
-    /// compiler can vectorise the test over several splats.
+    /// Returns true if a splat lies outside one of the four edges of the picture. The comparisons are in
+    /// coordinates multiplied by z, so that most splats outside the picture need no division. There are no
+    /// branches, so the compiler can vectorise the test over several splats.
     #[inline(always)]
     fn is_aside(&self, d: DVec3, world: f64, pixels: f64) -> bool {
         let (x, y, z) = (self.right.dot(d), self.down.dot(d), self.forward.dot(d));

@@ -18,6 +18,7 @@ pub(crate) mod near;
 mod panorama;
 mod peak;
 mod project;
+mod rows;
 mod settings;
 mod sh;
 mod shape;

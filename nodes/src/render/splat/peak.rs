@@ -127,8 +127,8 @@ impl Peak {
         (self.inverse * (1.0 + 2.0 * e + q) / (1.0 + e)).max(self.least).min(self.most)
     }
 
-    /// Same as [`Self::inverse_at`], but the reciprocal of the largest depth where the peak is clamped: the splat is
-    /// nowhere behind it, so it is in front of every surface beyond.
+    /// Same as [`Self::inverse_at`], but the reciprocal of the largest depth where the peak is clamped: the splat
+    /// is nowhere behind it, so it is in front of every surface beyond.
     pub(super) fn last_inverse_at(&self, dx: f64, dy: f64) -> f64 {
         let inverse = self.inverse_at(dx, dy);
         if inverse >= self.most { self.least } else { inverse }

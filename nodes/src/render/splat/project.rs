@@ -58,8 +58,8 @@ pub(super) struct Entry {
 struct Chunk {
     footprints: Vec<Footprint>,
     /// For each footprint, the distance by which the peak of its splat must lie in front of the limiting surface
-    /// (see [`Limit`](super::draw::Limit)) for the splat to be drawn, in world units. Empty if there is no such surface
-    /// or all of these distances are 0.
+    /// (see [`Limit`](super::draw::Limit)) for the splat to be drawn, in world units. Empty if there is no such
+    /// surface or all of these distances are 0.
     margins: Vec<f32>,
     /// Peak of each footprint, for `RayMedian` and where there are margins.
     peaks: Vec<Peak>,
@@ -130,8 +130,9 @@ impl Projected {
         &self.chunks[(index >> CHUNK_BITS) as usize].footprints[index as usize % CHUNK]
     }
 
-    /// Distance by which the peak of a splat must lie in front of the limiting surface for the splat to be drawn, in
-    /// world units. `index` is the index of the footprint of the splat. `None` if only its centre must lie in front.
+    /// Distance by which the peak of a splat must lie in front of the limiting surface for the splat to be drawn,
+    /// in world units. `index` is the index of the footprint of the splat. `None` if only its centre must lie in
+    /// front.
     #[inline(always)]
     pub(super) fn margin(&self, index: u32) -> Option<f32> {
         let margins = &self.chunks[(index >> CHUNK_BITS) as usize].margins;

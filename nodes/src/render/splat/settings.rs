@@ -76,7 +76,8 @@ engine::params! {
         /// converted to world units by `metres_per_unit` of the scene. If the near plane cuts away a large share of
         /// the scene, a warning reports it.
         near: f64 = 0.2, range(1e-12, 1e12), unit("m"), other("1.5");
-        /// Variance of the low-pass filter added to every footprint, in square pixels (in a panorama, square samples).
+        /// Variance of the low-pass filter added to every footprint, in square pixels (in a panorama, square
+        /// samples).
         low_pass_px2: f64 = 0.3, range(0.0, 100.0), unit("px^2"), other("1.0");
         /// Compensation of opacity for the area that the low-pass filter adds to a splat (as in
         /// Mip-Splatting).

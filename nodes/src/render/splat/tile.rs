@@ -8,7 +8,8 @@ use super::project::Projected;
 use super::settings::{DepthMode, Settings, TILE};
 use crate::types::{Data, Image};
 
-/// The rows of a picture that one row of tiles covers. Each tile writes its pixels to the strip when it is finished.
+/// The rows of a picture that one row of tiles covers. Each tile writes its pixels to the strip when it is
+/// finished.
 pub(super) struct Strip<'a> {
     /// Number of columns of the picture.
     width: usize,

@@ -1,15 +1,15 @@
 //! Backward pass of blending: derivatives of a loss with respect to the footprints of a tile.
 //!
-//! The pass runs front to back like the forward pass, with the same arithmetic, so it blends the same splats. Let `g`
-//! be the gradient with respect to the colour of a pixel, and `D` the sum over all splats of weight times `c.g`, plus
-//! the final transmittance times its own gradient. `D` follows from the rendered picture. After the splats up to
-//! `i` are subtracted, the rest is the part that splat `i` attenuates, and the derivative by its alpha is
-//! `T c.g - rest / (1 - alpha)`.
+//! The pass runs front to back like the forward pass, with the same arithmetic, so it blends the same splats. Let
+//! `g` be the gradient with respect to the colour of a pixel, and `D` the sum over all splats of weight times
+//! `c.g`, plus the final transmittance times its own gradient. `D` follows from the rendered picture. After the
+//! splats up to `i` are subtracted, the rest is the part that splat `i` attenuates, and the derivative by its alpha
+//! is `T c.g - rest / (1 - alpha)`.
 
 use fearless_simd::{Level, dispatch, f32x8, f32x16, mask32x8, prelude::*};
 
-use super::super::blend32::{BATCH, HALVES, LANES, LOG2_SMALLEST, exp2};
 use super::super::project::{Footprint, Projected};
+use super::super::rows::{BATCH, HALVES, LANES, LOG2_SMALLEST, Rows, exp2};
 use super::super::settings::{Settings, TILE};
 use super::sums::Sums;
 use crate::math::num;
@@ -112,29 +112,15 @@ fn tile<S: Simd>(simd: S, task: &Task<'_>) -> Vec<Sums> {
             *to = *projected.footprint(*index);
         }
         for (f, out) in batch.iter().zip(out) {
-            // The same arithmetic as in the forward pass.
-            let (dx, dy) = (left - f.u, top - f.v);
             let along = lanes * f.l11 as f32;
-            let (l11, l21, l22) = (f.l11 as f32, f.l21 as f32, f.l22 as f32);
-            let t = rows * l21 + (f.l11 * dx + f.l21 * dy) as f32;
-            let s = (rows + dy as f32) * l22;
-            let exponents = f32x16::splat(simd, f.log2_opacity) - s * s;
-            let reach = (exponents - (log2_cut - 1e-4)).max(0.0).sqrt();
-            let seen = exponents.simd_ge(log2_cut - 1e-4);
-            let in_left = seen & t.simd_le(reach) & (t + 7.0 * l11).simd_ge(-reach);
-            let right = t + 8.0 * l11;
-            let in_right = seen & right.simd_le(reach) & (t + 15.0 * l11).simd_ge(-reach);
-            let hit = in_left.to_bitmask() as u32 | (in_right.to_bitmask() as u32) << TILE;
-            let mut todo = hit & live;
+            let exponents = Rows::of(simd, rows, f, (left - f.u, top - f.v), log2_cut);
+            let mut todo = exponents.reached & live;
             if todo == 0 {
                 continue;
             }
-            let (mut t_of, mut peak_of, mut s_of) =
-                ([0.0_f32; TILE * HALVES], [0.0_f32; TILE], [0.0_f32; TILE]);
-            t.store_slice(&mut t_of[..TILE]);
-            right.store_slice(&mut t_of[TILE..]);
-            exponents.store_slice(&mut peak_of);
-            s.store_slice(&mut s_of);
+            let (t_of, peak_of) = exponents.store();
+            let mut s_of = [0.0_f32; TILE];
+            exponents.s.store_slice(&mut s_of);
             let (mut q_sum, mut t_sum, mut tt_sum) = (zero, zero, zero);
             let (mut s_sum, mut ts_sum, mut ss_sum) = (zero, zero, zero);
             let (mut red_sum, mut green_sum, mut blue_sum, mut weights) = (zero, zero, zero, zero);

@@ -169,8 +169,8 @@ impl<'a> Chain<'a> {
         Shape { mean, quat: quaternion(of.quat, columns), log_scale }
     }
 
-    /// Gradient with respect to the coefficients, and with respect to the centre through the direction in which it is
-    /// seen. Channels of the colour that are clamped to 0 have no gradient.
+    /// Gradient with respect to the coefficients, and with respect to the centre through the direction in which it
+    /// is seen. Channels of the colour that are clamped to 0 have no gradient.
     fn harmonics(
         &self,
         of: &SplatValues<'_>,
@@ -206,8 +206,8 @@ impl<'a> Chain<'a> {
     }
 }
 
-/// Gradient with respect to a quaternion whose length is scaled to 1, from the gradients with respect to the columns
-/// of its rotation matrix.
+/// Gradient with respect to a quaternion whose length is scaled to 1, from the gradients with respect to the
+/// columns of its rotation matrix.
 fn quaternion([w, x, y, z]: [f64; 4], [a, b, c]: [DVec3; 3]) -> [f64; 4] {
     let by = [
         z * (a.y - b.x) + y * (c.x - a.z) + x * (b.z - c.y),

@@ -41,8 +41,8 @@ pub struct Backward {
     pub pairs: u64,
     /// Number of times that a splat was blended into a pixel.
     pub blends: u64,
-    /// Seconds of the stages project, sort and bin, blend, loss, backward pass of blending, and addition, measured by
-    /// the given clock. Used by benches, never part of a result.
+    /// Seconds of the stages project, sort and bin, blend, loss, backward pass of blending, and addition, measured
+    /// by the given clock. Used by benches, never part of a result.
     pub seconds: [f64; 6],
 }
 
@@ -77,8 +77,9 @@ impl Backward {
 /// Number of jobs that add the sums of tiles. Each job adds those of some of the chunks.
 const ADDING_JOBS: usize = 8;
 
-/// Renders the view of a camera, calls `loss` with its premultiplied RGB and alpha, and computes the gradients of the
-/// loss. `alpha_cap` of the settings must be below 1. Settings for depth and for the memory of lists are ignored.
+/// Renders the view of a camera, calls `loss` with its premultiplied RGB and alpha, and computes the gradients of
+/// the loss. `alpha_cap` of the settings must be below 1. Settings for depth and for the memory of lists are
+/// ignored.
 pub fn backward(
     splats: &Splats,
     camera: &Camera,

@@ -2,8 +2,8 @@
 
 use std::ops::AddAssign;
 
-/// Sums over the pixels that a footprint covers. `q` is the derivative of the loss by the exponent of alpha to base 2,
-/// divided by ln 2; `t` and `s` are the coordinates of `Footprint`.
+/// Sums over the pixels that a footprint covers. `q` is the derivative of the loss by the exponent of alpha to base
+/// 2, divided by ln 2; `t` and `s` are the coordinates of `Footprint`.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Sums {
     /// Sum of `q`.

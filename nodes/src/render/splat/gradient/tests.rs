@@ -39,7 +39,8 @@ impl Free {
         1.0 / (1.0 + num::f64::exp(-self.logit))
     }
 
-    /// The parameters as the renderer stores them. The test uses values that f32 holds exactly where they are stored.
+    /// The parameters as the renderer stores them. The test uses values that f32 holds exactly where they are
+    /// stored.
     fn stored(free: &[Self], sh_degree: u32) -> Splats {
         let mut splats = Splats { sh_degree, ..Splats::empty() };
         for one in free {
@@ -209,9 +210,9 @@ fn camera() -> Camera {
     }
 }
 
-/// Splats of every sort: a needle, a disc, a large one, one that is opaque, one near the near plane, one whose centre
-/// is beyond the guard of the projection, a stack that ends pixels, one that is barely above the cutoff, and clamped
-/// colours.
+/// Splats of every sort: a needle, a disc, a large one, one that is opaque, one near the near plane, one whose
+/// centre is beyond the guard of the projection, a stack that ends pixels, one that is barely above the cutoff, and
+/// clamped colours.
 fn scene(sh_degree: u32) -> Vec<Free> {
     let camera = camera();
     let world = camera.world_from_camera();
@@ -287,8 +288,8 @@ fn weights(count: usize) -> Vec<[f32; 4]> {
     (0..count).map(|_| [0; 4].map(|_| random.within(-1.0, 1.0) as f32)).collect()
 }
 
-/// Settings whose backward pass is compared: the default, compensated opacity, a large low-pass filter and cutoff, and
-/// the tiles of the INRIA rasterizer.
+/// Settings whose backward pass is compared: the default, compensated opacity, a large low-pass filter and cutoff,
+/// and the tiles of the INRIA rasterizer.
 fn variants() -> [Settings; 4] {
     [
         Settings::default(),
@@ -300,8 +301,8 @@ fn variants() -> [Settings; 4] {
 
 /// Every derivative agrees with central differences. The error is relative to the largest derivative of the same
 /// group of parameters of the splat; f32 sums over up to a thousand pixels reach 2e-5. Parameters are those of all
-/// splats, at cutoffs, caps, ends of pixels, clamped slopes and clamped colours. This test fails if a factor or a sign
-/// in `chain.rs` or `blend.rs` changes.
+/// splats, at cutoffs, caps, ends of pixels, clamped slopes and clamped colours. This test fails if a factor or a
+/// sign in `chain.rs` or `blend.rs` changes.
 #[test]
 fn gradients_are_those_of_finite_differences() {
     let camera = camera();
