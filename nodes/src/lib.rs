@@ -2,8 +2,8 @@
 //!
 //! Each kind is one file in [`kinds`] (a folder if it is large) with its documentation, parameters, ports, code and
 //! unit tests, and one line in [`registry`]. The other modules contain code that kinds share. A file imports only
-//! from its own module and from those after it in this list: `kinds`, [`train`], [`render`], [`geometry`], [`light`], [`io`],
-//! [`types`], [`math`], [`error`].
+//! from its own module and from those after it in this list: `kinds`, [`train`], [`render`], [`geometry`],
+//! [`light`], [`io`], [`types`], [`math`], [`error`].
 
 use engine::{KindEntry, Registry};
 use kinds::*;

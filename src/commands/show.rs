@@ -81,8 +81,8 @@ impl Show {
 /// Types of outputs that are drawn from above and in views.
 const SCENES: [&str; 4] = ["splats", "mesh", "object", "placed"];
 
-/// The splats of a scene, or splats on the surface of a mesh or object, and the up axis. `None` if the value is not in the
-/// cache.
+/// The splats of a scene, or splats on the surface of a mesh or object, and the up axis. `None` if the value is not
+/// in the cache.
 fn scene(engine: &Engine, graph: &Graph, wire: Wire) -> Option<(Splats, Up)> {
     let up = graph.scene.up;
     Some(match graph.nodes[wire.node].kind.outputs[wire.port].artifact.name {

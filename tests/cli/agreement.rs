@@ -22,8 +22,8 @@ fn insert(changes: &[(&str, &str)]) -> String {
     text
 }
 
-/// A folder with the mesh of the place of [`INSERT`] as `a.ply` and `b.ply`, the same mesh in centimetres as `cm.ply`,
-/// and a picture `photo.png`.
+/// A folder with the mesh of the place of [`INSERT`] as `a.ply` and `b.ply`, the same mesh in centimetres as
+/// `cm.ply`, and a picture `photo.png`.
 fn with_meshes() -> Place {
     let write = r#"write: WriteMesh(mesh: "demo.proxy", path: "mesh.ply"),
         save:"#;

@@ -34,8 +34,8 @@ pub fn imports(src: &Path) -> Imports {
     found
 }
 
-/// The imports that lead to a room above the file's own room, or to the root of the crate, in the form `from -> path`.
-/// `order` has the rooms from the lowest to the highest.
+/// The imports that lead to a room above the file's own room, or to the root of the crate, in the form `from ->
+/// path`. `order` has the rooms from the lowest to the highest.
 pub fn upward(imports: &Imports, order: &[&str]) -> Vec<String> {
     let height = |path: &str| {
         let room = path.split(['/', ':']).next().unwrap_or_default();

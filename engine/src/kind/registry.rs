@@ -72,8 +72,8 @@ impl<K: Kind> Step for StepOf<K> {
     }
 }
 
-/// [`Kind::former`], with a panic as an error. The arguments are the name of a field, and the names and texts of all
-/// fields of the node.
+/// [`Kind::former`], with a panic as an error. The arguments are the name of a field, and the names and texts of
+/// all fields of the node.
 type FormerField = fn(&str, &[(&str, &str)]) -> Result<Option<Former>, NodeError>;
 
 /// Reads the parameters of a kind. A panic in the code that reads them is reported as a mistake.

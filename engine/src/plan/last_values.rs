@@ -64,8 +64,8 @@ impl Engine {
         guarded(|| Ok(decode_all(&bytes)?)).ok()
     }
 
-    /// The canonical bytes of an output whose digest is known: from the store, or computed again from the results of
-    /// the last run of the graph.
+    /// The canonical bytes of an output whose digest is known: from the store, or computed again from the results
+    /// of the last run of the graph.
     pub(crate) fn encoded(&self, graph: &Graph, wire: Wire, output: &Output) -> Option<Vec<u8>> {
         if let Some(bytes) = self.store.get_blob(&output.digest).ok()? {
             return Some(bytes);

@@ -1,7 +1,7 @@
 //! The threads of a run. They start when there is work for them and end with the run.
 //!
-//! Small nodes may run in addition to as many nodes as threads are permitted. Files are digested, loaded and written
-//! on additional threads, so that these small tasks never wait for large tasks.
+//! Small nodes may run in addition to as many nodes as threads are permitted. Files are digested, loaded and
+//! written on additional threads, so that these small tasks never wait for large tasks.
 
 use std::cell::Cell;
 use std::collections::VecDeque;

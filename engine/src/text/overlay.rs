@@ -44,9 +44,9 @@ impl<'t> Overlays<'t> {
         self.given.extend(overlay.nodes.into_iter().map(|node| (false, node)));
     }
 
-    /// Applies the overlays of `scene`, `axes` and `parameters`, and sorts the others by node. If a node has the name
-    /// of a block, the fields decide which of them is meant: `nodes.scene` always means the node, and `graph.scene`
-    /// the block.
+    /// Applies the overlays of `scene`, `axes` and `parameters`, and sorts the others by node. If a node has the
+    /// name of a block, the fields decide which of them is meant: `nodes.scene` always means the node, and
+    /// `graph.scene` the block.
     pub fn lay_on_blocks(&mut self, document: &mut Document<'t>, diagnostics: &mut Vec<Diagnostic>) {
         let has = |name: &str| document.nodes.iter().any(|node| node.id == name);
         let named = ["graph", "nodes"].map(has);
@@ -149,8 +149,8 @@ impl<'t> Overlays<'t> {
 }
 
 /// The part of the graph that an overlay of the name `id` changes. `outside` is true for a block outside `nodes`.
-/// `named` states whether the graph has nodes named `graph` and `nodes`, whose names precede a dot in the names of their
-/// inner nodes.
+/// `named` states whether the graph has nodes named `graph` and `nodes`, whose names precede a dot in the names of
+/// their inner nodes.
 fn target<'t>(id: &Cow<'t, str>, outside: bool, [graph, nodes]: [bool; 2]) -> Target<'t> {
     let block = |name: &str| BLOCKS.into_iter().find(|block| *block == name);
     match (id.split_once('.'), block(id)) {
@@ -162,8 +162,8 @@ fn target<'t>(id: &Cow<'t, str>, outside: bool, [graph, nodes]: [bool; 2]) -> Ta
     }
 }
 
-/// Divides an overlay of the name `name` between the block and the node of this name. Each field belongs to the one that
-/// has it, and to the block if there is no such node. A field that both may have is recorded in
+/// Divides an overlay of the name `name` between the block and the node of this name. Each field belongs to the one
+/// that has it, and to the block if there is no such node. A field that both may have is recorded in
 /// [`Document::contested`].
 fn divided<'t>(
     name: &'static str,

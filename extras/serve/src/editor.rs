@@ -152,8 +152,8 @@ impl Editor {
         })
     }
 
-    /// Applies an edit to the current text, without writing it. `graph` is the graph that the client has seen; `tried`
-    /// lists the fields of the node for which this graph has a trial value.
+    /// Applies an edit to the current text, without writing it. `graph` is the graph that the client has seen;
+    /// `tried` lists the fields of the node for which this graph has a trial value.
     ///
     /// # Errors
     /// [`Refused`].

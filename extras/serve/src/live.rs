@@ -60,8 +60,8 @@ pub struct Live {
     editor: Mutex<Editor>,
     /// Trial values, which are not written to the file, by node and field.
     tried: Mutex<BTreeMap<(String, String), String>>,
-    /// The fields with trial values when the watch began to read the graph, followed by those in the graph that the page
-    /// shows. A trial may have ended since then.
+    /// The fields with trial values when the watch began to read the graph, followed by those in the graph that the
+    /// page shows. A trial may have ended since then.
     applied: Mutex<[BTreeSet<(String, String)>; 2]>,
     number: AtomicU64,
     sender: broadcast::Sender<Arc<Message>>,
@@ -289,8 +289,8 @@ impl Live {
         Ok(json!({"tried": true}))
     }
 
-    /// The fields of a node that have trial values, now or in the graph that the page shows. Edits of such a field are
-    /// not checked for overlays on the command line, since this was done when the trial began.
+    /// The fields of a node that have trial values, now or in the graph that the page shows. Edits of such a field
+    /// are not checked for overlays on the command line, since this was done when the trial began.
     fn tried_of(&self, node: &str) -> Vec<String> {
         let of = |known: &&(String, String)| known.0 == node;
         let now: Vec<String> = lock(&self.tried).keys().filter(of).map(|(_, field)| field.clone()).collect();
@@ -307,7 +307,8 @@ impl Live {
         json!({"tried": false})
     }
 
-    /// The trial values, in the form of `--set` options. The watch asks for them when it reads the graph, and then calls [`loaded`](Self::loaded).
+    /// The trial values, in the form of `--set` options. The watch asks for them when it reads the graph, and then
+    /// calls [`loaded`](Self::loaded).
     pub fn tried(&self) -> Vec<String> {
         let tried = lock(&self.tried);
         lock(&self.applied)[0] = tried.keys().cloned().collect();
@@ -357,8 +358,8 @@ impl Live {
         self.things.get(&parsed, || Thing::read(&self.engine, type_name, &parsed, Some((graph, wire))))
     }
 
-    /// The value with a digest, if the graph has it now, had it before, or had it in a recorded run. Values of other
-    /// graphs in the same cache are not given.
+    /// The value with a digest, if the graph has it now, had it before, or had it in a recorded run. Values of
+    /// other graphs in the same cache are not given.
     pub fn value(&self, digest: &str) -> Option<Arc<Shown>> {
         let parsed = Digest::from_hex(digest)?;
         let current = self.current(digest);

@@ -1,8 +1,8 @@
 //! Splats and meshes as bytes for the place view.
 //!
-//! The bytes are a `u32` with the length of a JSON text, the text, and arrays of little-endian numbers whose lengths
-//! the text gives. The length of the text is a multiple of 4. Positions are relative to `origin`, in f32, so that
-//! scenes in survey coordinates keep their detail.
+//! The bytes are a `u32` with the length of a JSON text, the text, and arrays of little-endian numbers whose
+//! lengths the text gives. The length of the text is a multiple of 4. Positions are relative to `origin`, in f32,
+//! so that scenes in survey coordinates keep their detail.
 
 use glam::{DMat3, DQuat, DVec3};
 use nodes::math::color::{code8, linear_from_srgb, srgb_from_linear};
@@ -56,8 +56,8 @@ fn covariance(quat: [f32; 4], scale: [f32; 3], unit: f64) -> [f64; 6] {
 }
 
 /// Splats as 32 bytes each: the position (3 f32), colour and opacity (4 bytes, sRGB), the square of the largest
-/// standard deviation (f32), and the covariance divided by it (6 f16: xx, xy, xz, yy, yz, zz). A scene with more than
-/// `most` splats is thinned.
+/// standard deviation (f32), and the covariance divided by it (6 f16: xx, xy, xz, yy, yz, zz). A scene with more
+/// than `most` splats is thinned.
 pub fn splats(splats: &Splats, most: usize) -> Vec<u8> {
     let chosen = sampled(splats, most.clamp(1, MOST_SPLATS));
     let origin = origin(chosen.iter().map(|(index, _)| splats.mean(*index)));

@@ -64,7 +64,8 @@ impl Survey<'_> {
         json
     }
 
-    /// The objects that can be put into a bare capture; `null` if the graph has one, or was not started from a capture.
+    /// The objects that can be put into a bare capture; `null` if the graph has one, or was not started from a
+    /// capture.
     fn start(&self) -> Value {
         let is_placed = |node: &&std::sync::Arc<engine::Node>| {
             node.kind.outputs.iter().any(|port| port.artifact.name == "placed")

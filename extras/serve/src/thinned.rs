@@ -16,8 +16,8 @@ fn weight(splats: &Splats, index: usize) -> f64 {
 
 /// Chooses about `most` splats. Returns the index of each, and the factor for its standard deviations. A splat is
 /// kept with a probability proportional to its weight, at most 1, and enlarged so that the expected sum of opacity
-/// times area stays the same (Cook, Halstead, Planck, Ryu 2007, "Stochastic Simplification of Aggregate Detail"). The
-/// choice is systematic in file order: the running sum of probabilities passes a whole number.
+/// times area stays the same (Cook, Halstead, Planck, Ryu 2007, "Stochastic Simplification of Aggregate Detail").
+/// The choice is systematic in file order: the running sum of probabilities passes a whole number.
 pub fn sampled(splats: &Splats, most: usize) -> Vec<(usize, f32)> {
     let count = splats.len();
     if count <= most {

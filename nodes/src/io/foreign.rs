@@ -19,8 +19,8 @@ pub fn json_text(bytes: &[u8]) -> &[u8] {
     text
 }
 
-/// Converts the backslashes in a relative path to slashes, since exporters on Windows write backslashes, and removes a
-/// leading `./`.
+/// Converts the backslashes in a relative path to slashes, since exporters on Windows write backslashes, and
+/// removes a leading `./`.
 pub fn portable_path(path: &str) -> String {
     let path = path.replace('\\', "/");
     path.strip_prefix("./").map(str::to_owned).unwrap_or(path)
@@ -30,8 +30,8 @@ pub fn portable_path(path: &str) -> String {
 const TEXT_HEAD: usize = 4096;
 
 /// True if the start of a file looks like text in ASCII, UTF-8 or an encoding of 8 bits: there are no control
-/// characters other than white space and, in less than 1024 bytes, at least three quarters of the bytes are ASCII. A
-/// longer binary file has control characters.
+/// characters other than white space and, in less than 1024 bytes, at least three quarters of the bytes are ASCII.
+/// A longer binary file has control characters.
 pub fn is_text(bytes: &[u8]) -> bool {
     let head = bytes.get(..TEXT_HEAD).unwrap_or(bytes);
     let control = |byte: &&u8| byte.is_ascii_control() && !byte.is_ascii_whitespace();

@@ -62,8 +62,8 @@ const LARGEST_SCALE: f64 = 1e12;
 /// Variables of the header that are read.
 const VARIABLES: [&str; 4] = ["FORMAT", "EXPOSURE", "COLORCORR", "PRIMARIES"];
 
-/// Name and value of a line `NAME=value` of the header, without white space around them. For other lines, the name is
-/// the whole line.
+/// Name and value of a line `NAME=value` of the header, without white space around them. For other lines, the name
+/// is the whole line.
 fn variable(line: &str) -> (&str, &str) {
     line.split_once('=').map_or((line, ""), |(name, value)| (name.trim(), value.trim()))
 }

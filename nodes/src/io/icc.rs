@@ -1,6 +1,6 @@
-//! ICC profiles (ICC.1:2022), read by `moxcms`. Profiles of sRGB are recognised, and colours of profiles with a curve
-//! for each channel and a matrix are converted. The conversion is our own, in f64: that of the crate uses vector
-//! instructions, which round differently on different machines.
+//! ICC profiles (ICC.1:2022), read by `moxcms`. Profiles of sRGB are recognised, and colours of profiles with a
+//! curve for each channel and a matrix are converted. The conversion is our own, in f64: that of the crate uses
+//! vector instructions, which round differently on different machines.
 
 use moxcms::{ColorProfile, DataColorSpace, ParsingOptions, ProfileText, ToneReprCurve, Xyzd};
 

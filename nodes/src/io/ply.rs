@@ -150,9 +150,9 @@ pub struct Header {
 /// Maximum length of a header, in bytes.
 const HEADER_LIMIT: usize = 1 << 20;
 
-/// Last byte of each line of a header, from its first line. Lines end with a line feed, with a carriage return and a
-/// line feed, or, as programs of old Macintosh computers write them, with a carriage return only. `None` if the first
-/// line has no end.
+/// Last byte of each line of a header, from its first line. Lines end with a line feed, with a carriage return and
+/// a line feed, or, as programs of old Macintosh computers write them, with a carriage return only. `None` if the
+/// first line has no end.
 fn line_end(bytes: &[u8]) -> Option<u8> {
     let first = bytes.iter().position(|byte| matches!(byte, b'\n' | b'\r'))?;
     // Text that was converted twice has several carriage returns before a line feed.
@@ -161,8 +161,8 @@ fn line_end(bytes: &[u8]) -> Option<u8> {
     Some(if alone { b'\r' } else { b'\n' })
 }
 
-/// The text of a line of a header. Programs write comments and names in UTF-8, or in an encoding of 8 bits, which is
-/// read as Latin-1.
+/// The text of a line of a header. Programs write comments and names in UTF-8, or in an encoding of 8 bits, which
+/// is read as Latin-1.
 fn line_text(line: &[u8]) -> Cow<'_, str> {
     match std::str::from_utf8(line) {
         Ok(text) => Cow::Borrowed(text),

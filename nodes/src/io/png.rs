@@ -134,8 +134,8 @@ fn space_of(code: CodingIndependentCodePoints) -> Option<Space> {
         .map(|(space, ..)| *space)
 }
 
-/// The colour that the chunks `cHRM` and `gAMA` state, if it is not sRGB. A gamma that is not that of sRGB is added to
-/// `ignored`, with the chromaticities, which would be applied to wrong light.
+/// The colour that the chunks `cHRM` and `gAMA` state, if it is not sRGB. A gamma that is not that of sRGB is added
+/// to `ignored`, with the chromaticities, which would be applied to wrong light.
 fn chromaticities(info: &png::Info<'_>, ignored: &mut Vec<String>) -> Option<SourceColour> {
     let xy = info
         .chrm_chunk
@@ -198,8 +198,8 @@ fn profile(bytes: &[u8]) -> Option<icc::Meaning> {
 }
 
 /// Encodes the integer samples of a picture as a PNG, with 8 bits per sample if `raster.largest` is 255, otherwise
-/// with 16. `srgb` declares that colour samples are sRGB-encoded. `texts` holds the keyword and the text of each entry of the metadata.
-/// Filter and compression are fixed.
+/// with 16. `srgb` declares that colour samples are sRGB-encoded. `texts` holds the keyword and the text of each
+/// entry of the metadata. Filter and compression are fixed.
 pub fn write(raster: &Raster, srgb: bool, texts: &[(&str, &str)]) -> Result<Vec<u8>, Error> {
     write_for(raster, Packing::Small, srgb.then_some(Space::Srgb), texts, Progress::UNTRACKED)
 }

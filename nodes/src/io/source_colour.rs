@@ -21,8 +21,8 @@ pub enum SourceColour {
 }
 
 impl SourceColour {
-    /// Linear light with the given chromaticities: x and y of red, green, blue and white. `None` if they do not span
-    /// a colour space: values that are not finite, a y of 0, or primaries on one line.
+    /// Linear light with the given chromaticities: x and y of red, green, blue and white. `None` if they do not
+    /// span a colour space: values that are not finite, a y of 0, or primaries on one line.
     pub fn linear(xy: [[f32; 2]; 4]) -> Option<Self> {
         to_rec709(xy).map(SourceColour::Linear)
     }

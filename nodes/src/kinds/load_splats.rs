@@ -279,8 +279,8 @@ mod tests {
         assert_eq!(of(Up::PlusZ).is_some_and(|text| text.contains("is -y, but")), sure);
     }
 
-    /// Any difference above 8 degrees is reported, and the remedy is one that the graph accepts: `up` has only three
-    /// values. This test fails if `SAME_UP_DEG` is 25.
+    /// Any difference above 8 degrees is reported, and the remedy is one that the graph accepts: `up` has only
+    /// three values. This test fails if `SAME_UP_DEG` is 25.
     #[test]
     fn the_remedy_for_another_up_is_possible() {
         let text = |found: DVec3, axis: Option<&str>, up: Up, rotation: DMat3| {

@@ -61,7 +61,8 @@ engine::outputs! {
 /// Share of the pixels of all views below which the views are reported as empty.
 const EMPTY: f64 = 0.02;
 
-/// Warns if the splats cover almost nothing of the views. `covered` is the sum of alpha over all pixels of all views.
+/// Warns if the splats cover almost nothing of the views. `covered` is the sum of alpha over all pixels of all
+/// views.
 fn warn_of_empty(covered: f64, rig: &Rig, notes: &mut Notes) {
     let pixels = rig.cameras.iter().map(|c| f64::from(c.width_px) * f64::from(c.height_px)).sum::<f64>();
     if covered < EMPTY * pixels {

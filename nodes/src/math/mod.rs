@@ -1,5 +1,5 @@
-//! Numbers: portable transcendental functions, colour, equirectangular coordinates, a small neural network, and metrics
-//! of pictures. Everything gives the same bits on every machine.
+//! Numbers: portable transcendental functions, colour, equirectangular coordinates, a small neural network, and
+//! metrics of pictures. Everything gives the same bits on every machine.
 
 pub mod color;
 pub mod equirect;

@@ -15,8 +15,8 @@ pub struct Correction {
     second: f32,
 }
 
-/// Corrections for all numbers of updates. The bias of the second moment is below the precision of f32 at the end of
-/// the table.
+/// Corrections for all numbers of updates. The bias of the second moment is below the precision of f32 at the end
+/// of the table.
 #[derive(Debug, Clone)]
 pub struct Corrections(Vec<Correction>);
 
@@ -82,8 +82,8 @@ pub fn update_few<const N: usize>(
 mod tests {
     use super::*;
 
-    /// The first step has the length of the learning rate whatever the size of the gradient, and steps agree with the
-    /// formulas of the paper in f64.
+    /// The first step has the length of the learning rate whatever the size of the gradient, and steps agree with
+    /// the formulas of the paper in f64.
     #[test]
     fn steps_follow_the_paper() {
         let corrections = Corrections::default();

@@ -1,8 +1,8 @@
 //! Loss between a rendered view and a photograph, with its gradient: L1 and D-SSIM as in 3D Gaussian splatting.
 //!
 //! Pixels that the mask excludes are ignored. A channel at which the photograph clips is ignored if the view is
-//! brighter still, since the photograph does not say how bright the place is. In both cases the view is replaced with
-//! the photograph, so that the windows of SSIM around such pixels see no difference either.
+//! brighter still, since the photograph does not say how bright the place is. In both cases the view is replaced
+//! with the photograph, so that the windows of SSIM around such pixels see no difference either.
 
 use std::ops::Range;
 
@@ -20,8 +20,8 @@ const C2: f32 = 9e-4;
 const BAND: usize = 64;
 const LANES: usize = 8;
 
-/// A photograph as the target of a view: for each pixel red, green, blue, and 255 if the pixel is compared or 0 if it
-/// is ignored.
+/// A photograph as the target of a view: for each pixel red, green, blue, and 255 if the pixel is compared or 0 if
+/// it is ignored.
 #[derive(Debug, Clone, Copy)]
 pub struct Target<'a> {
     /// Width of the photograph, in pixels.
@@ -162,8 +162,8 @@ fn channel(rgba: &[[f32; 4]], target: &Target<'_>, shown: &Shown, c: usize) -> C
     out
 }
 
-/// Rows of `maps` maps, windowed along rows, for the rows of a band and [`RADIUS`] rows above and below. Rows beyond
-/// the border are 0.
+/// Rows of `maps` maps, windowed along rows, for the rows of a band and [`RADIUS`] rows above and below. Rows
+/// beyond the border are 0.
 struct Windowed<const MAPS: usize> {
     width: usize,
     first: usize,

@@ -1,6 +1,6 @@
 //! Relocation of faded splats and growth, as in "3D Gaussian Splatting as Markov Chain Monte Carlo" (Kheradmand et
-//! al. 2024, section 3.3 and appendix): a splat is replaced with several copies whose opacity and size are chosen so
-//! that the rendered picture changes as little as possible.
+//! al. 2024, section 3.3 and appendix): a splat is replaced with several copies whose opacity and size are chosen
+//! so that the rendered picture changes as little as possible.
 
 use super::random::{Purpose, uniform};
 use super::schedule::{FADED, GROWTH, Schedule};
@@ -43,8 +43,8 @@ pub fn split(opacity: f64, copies: u32) -> (f64, f64) {
     (each, opacity / sum)
 }
 
-/// Number of times that each of the splats in `from` is drawn when `count` are drawn with probabilities in proportion
-/// to opacity. The draws are stratified, so each count deviates from its expectation by less than 2.
+/// Number of times that each of the splats in `from` is drawn when `count` are drawn with probabilities in
+/// proportion to opacity. The draws are stratified, so each count deviates from its expectation by less than 2.
 fn drawn(state: &State, from: &[u32], count: usize, random: impl Fn(u64) -> f64) -> Vec<u32> {
     let opacity = |splat: u32| f64::from(state.splats.opacities[splat as usize]);
     let total: f64 = from.iter().map(|splat| opacity(*splat)).sum();
@@ -111,8 +111,9 @@ mod tests {
     use super::*;
     use crate::types::Splats;
 
-    /// Copies of a splat at the same place give the same opacity at its centre, and nearly the same total alpha over
-    /// the plane: the condition from which the factor follows (integral of alpha along a line through the centre).
+    /// Copies of a splat at the same place give the same opacity at its centre, and nearly the same total alpha
+    /// over the plane: the condition from which the factor follows (integral of alpha along a line through the
+    /// centre).
     #[test]
     fn copies_look_like_the_splat() {
         for opacity in [0.02, 0.3, 0.9, 0.99] {

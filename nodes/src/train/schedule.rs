@@ -12,8 +12,8 @@ pub struct Schedule {
     pub sh_degree: u32,
     /// Number of iterations after which the degree in use rises by 1.
     pub sh_every: u32,
-    /// Number of iterations in which the learning rate of centres falls to [`CENTRE_END`] of its initial value, at a
-    /// constant rate. Later it is constant.
+    /// Number of iterations in which the learning rate of centres falls to [`CENTRE_END`] of its initial value, at
+    /// a constant rate. Later it is constant.
     pub decay: u32,
     /// Iteration after which splats are no longer relocated or added.
     pub grow_until: u32,

@@ -60,7 +60,8 @@ pub fn logit(opacity: f64) -> f64 {
 }
 
 impl State {
-    /// State before the first iteration. The spherical harmonics get the degree `sh_degree`; new coefficients are 0.
+    /// State before the first iteration. The spherical harmonics get the degree `sh_degree`; new coefficients are
+    /// 0.
     pub fn new(start: &Splats, sh_degree: u32, photographs: usize) -> Self {
         let count = start.len();
         let (from, to) = (start.sh_len(), ((sh_degree + 1) * (sh_degree + 1)) as usize);

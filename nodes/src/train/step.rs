@@ -281,8 +281,8 @@ impl Job<'_> {
         count
     }
 
-    /// Adds noise to the centre of a splat, with the shape of the splat. The noise is larger the more transparent the
-    /// splat is (eq. 8 of Kheradmand et al.).
+    /// Adds noise to the centre of a splat, with the shape of the splat. The noise is larger the more transparent
+    /// the splat is (eq. 8 of Kheradmand et al.).
     fn shake(&self, rows: &mut Rows<'_>, at: usize) {
         let opacity = f64::from(rows.opacities[at]);
         let size = f64::from(self.rates.mean) * NOISE * sigmoid(100.0 * ((1.0 - opacity) - 0.995));

@@ -70,8 +70,9 @@ fn reference(
 }
 
 /// The value of the loss and every derivative agree with finite differences in f64: by all pixels and channels, by
-/// alpha, by the gains and by the background, with masked pixels and with channels that clip at either end. The bound
-/// is relative to the largest derivative. This test fails if `value * b1` in `compare` is replaced with `value * b2`.
+/// alpha, by the gains and by the background, with masked pixels and with channels that clip at either end. The
+/// bound is relative to the largest derivative. This test fails if `value * b1` in `compare` is replaced with
+/// `value * b2`.
 #[test]
 fn gradients_of_the_loss_are_those_of_finite_differences() {
     let (width, height) = (23, 71);
@@ -217,8 +218,8 @@ fn psnr(splats: &Splats, camera: &Camera, photograph: &[[u8; 4]]) -> f64 {
     -10.0 * num::f64::log10(sum / (3 * photograph.len()) as f64)
 }
 
-/// Training from random points finds a ball of coloured splats: two views that are held out gain 10 dB. The measured
-/// gain is in the assertion. Splats are relocated and added on the way.
+/// Training from random points finds a ball of coloured splats: two views that are held out gain 10 dB. The
+/// measured gain is in the assertion. Splats are relocated and added on the way.
 #[test]
 fn training_finds_the_place() {
     let (truth, cameras) = place(18);

@@ -5,8 +5,8 @@ use crate::math::num;
 /// Radius of the window, which is 11 pixels wide.
 pub const RADIUS: usize = 5;
 
-/// Weights of half the window, from its edge to its middle: a Gaussian with a standard deviation of 1.5 pixels, whose
-/// weights sum to 1.
+/// Weights of half the window, from its edge to its middle: a Gaussian with a standard deviation of 1.5 pixels,
+/// whose weights sum to 1.
 #[derive(Debug, Clone, Copy)]
 pub struct Window([f32; RADIUS + 1]);
 
@@ -21,8 +21,9 @@ impl Window {
         Self(std::array::from_fn(|i| (weights[i] / sum) as f32))
     }
 
-    /// Writes the weighted sum of 11 inputs to each element of `out`. For a pass along columns, the inputs are rows.
-    /// For a pass along rows, they are the same row at 11 offsets. Each input has at least the length of `out`.
+    /// Writes the weighted sum of 11 inputs to each element of `out`. For a pass along columns, the inputs are
+    /// rows. For a pass along rows, they are the same row at 11 offsets. Each input has at least the length of
+    /// `out`.
     #[inline(always)]
     pub fn apply(&self, inputs: [&[f32]; 2 * RADIUS + 1], out: &mut [f32]) {
         let n = out.len();

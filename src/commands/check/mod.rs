@@ -12,13 +12,14 @@ use crate::terminal;
 
 /// Reads a graph and reports every mistake in it.
 ///
-/// Of the files that loaders read, it reads only the number of cameras, the sizes of pictures, and the lists of other
-/// files; a file that a loader refuses is reported by the run.
+/// Of the files that loaders read, it reads only the number of cameras, the sizes of pictures, and the lists of
+/// other files; a file that a loader refuses is reported by the run.
 #[derive(Debug, Args)]
 pub struct Check {
     #[command(flatten)]
     graph: GraphArgs,
-    /// Print one JSON object per line on standard output: the mistakes, or a line that reports that there are none
+    /// Print one JSON object per line on standard output: the mistakes, or a line that reports that the graph has
+    /// no mistakes
     #[arg(long)]
     pub json: bool,
 }

@@ -25,8 +25,8 @@ use answer::Answer;
 /// mistakes.
 #[derive(Debug, Args)]
 pub struct Inspect {
-    /// A file or folder of splats (PLY, compressed PLY, SOG, SPZ, .splat, .ksplat, glTF, .usda), a mesh (PLY, glTF, OBJ, STL), or a
-    /// picture or panorama (PNG, JPEG, OpenEXR, Radiance HDR)
+    /// A file or folder of splats (PLY, compressed PLY, SOG, SPZ, .splat, .ksplat, glTF, .usda), a mesh (PLY, glTF,
+    /// OBJ, STL), or a picture or panorama (PNG, JPEG, OpenEXR, Radiance HDR)
     file: PathBuf,
     /// Print one JSON object on standard output
     #[arg(long)]

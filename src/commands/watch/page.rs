@@ -12,8 +12,8 @@ use crate::session::{Error, cache_folder};
 pub struct LivePage(serve::Page);
 
 impl LivePage {
-    /// Starts the server. `cache` is the folder of the cache, if the command line names one. `capture` is the capture
-    /// from which the graph was started.
+    /// Starts the server. `cache` is the folder of the cache, if the command line names one. `capture` is the
+    /// capture from which the graph was started.
     pub fn start(
         engine: &Arc<Engine>,
         handle: Handle,

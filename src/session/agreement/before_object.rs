@@ -10,8 +10,8 @@ use super::memory::{Done, Key, Memory};
 use super::pair::{DigestOf, Finding, at_one_point, backgrounds, of_kind, spread, traces, written};
 use crate::session::wires;
 
-/// Maximum number of pictures of splats and traces that a run compares, in addition to those that it remembers. This
-/// bounds the time of the check.
+/// Maximum number of pictures of splats and traces that a run compares, in addition to those that it remembers.
+/// This bounds the time of the check.
 const MOST_PAIRS: usize = 256;
 /// Maximum number of views of a rig that are compared.
 const MOST_VIEWS: usize = 16;
@@ -60,8 +60,8 @@ struct Found {
 }
 
 /// Compares the pictures of splats with the traces of which this run has results, for each `Composite` of the run
-/// without `front`. Traces of the meshes in `wrong` are left out. The measured shares are remembered with the keys of
-/// the nodes.
+/// without `front`. Traces of the meshes in `wrong` are left out. The measured shares are remembered with the keys
+/// of the nodes.
 pub fn findings(
     (engine, graph): (&Engine, &Graph),
     done: &Done,
@@ -222,8 +222,8 @@ fn common(a: &Rig, b: &Rig) -> Vec<[usize; 2]> {
     b.cameras.iter().enumerate().filter_map(of).collect()
 }
 
-/// Share of the object's pixels that have splats in front of the object. `None` if the pictures do not have the same
-/// size, or the picture of the object has no alpha.
+/// Share of the object's pixels that have splats in front of the object. `None` if the pictures do not have the
+/// same size, or the picture of the object has no alpha.
 fn of_view([depth, alpha, surface]: [&Picture; 3], object: &Picture) -> Option<f64> {
     if object.size().2 != 4 {
         return None;
@@ -288,8 +288,8 @@ mod tests {
         Graph::parse(source, &nodes::registry(), SourceRoot::new(".")).unwrap_or_else(|e| panic!("{e:?}"))
     }
 
-    /// A render with `limit` only counts for the composites to which it is wired. This test fails if any render with
-    /// `limit` counts.
+    /// A render with `limit` only counts for the composites to which it is wired. This test fails if any render
+    /// with `limit` counts.
     #[test]
     fn each_composite_without_front_is_checked() {
         let front = r#"final: Composite(background: "view", object: "trace.object", front: "layer"),"#;

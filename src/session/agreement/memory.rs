@@ -147,8 +147,8 @@ impl Memory {
         Self { name, stored, is_new: false, is_incomplete: false }
     }
 
-    /// The remembered findings of a comparison. If nothing is remembered, compares, and remembers the result unless it is
-    /// `None`.
+    /// The remembered findings of a comparison. If nothing is remembered, compares, and remembers the result unless
+    /// it is `None`.
     pub fn remembered(
         &mut self,
         key: Digest,
@@ -169,9 +169,9 @@ impl Memory {
         }
     }
 
-    /// The findings of the comparisons with these keys: those that are remembered, and those of at most `most` other
-    /// comparisons, spread evenly over the list. `compare` makes the comparison with the given index. An element is
-    /// `None` if its comparison was not made because of `most`.
+    /// The findings of the comparisons with these keys: those that are remembered, and those of at most `most`
+    /// other comparisons, spread evenly over the list. `compare` makes the comparison with the given index. An
+    /// element is `None` if its comparison was not made because of `most`.
     pub fn each(
         &mut self,
         keys: &[Digest],

@@ -21,8 +21,8 @@ pub use pair::Finding;
 use pair::{DigestOf, Pair, above, pairs, spread};
 use values::Values;
 
-/// Maximum number of pairs of splats and mesh that a run compares, in addition to those that it remembers. This bounds
-/// the time of the check.
+/// Maximum number of pairs of splats and mesh that a run compares, in addition to those that it remembers. This
+/// bounds the time of the check.
 const MOST_PLACES: usize = 8;
 /// Maximum number of rigs that are considered for each pair. The comparison uses three views.
 const MOST_RIGS: usize = 3;
@@ -31,9 +31,10 @@ const MOST_OBJECTS: usize = 2;
 /// Kinds that make the mesh of a place from its splats. Such a mesh is always in the frame of the splats.
 const MADE_OF_SPLATS: [&str; 2] = ["extract-mesh", "plane"];
 
-/// Compares the splats and the meshes that took part in a run. `done` has the keys of the nodes whose results this run
-/// computed or found in the cache; only their values are compared. The findings of each comparison are remembered with
-/// the values that it depends on, so that each run reports them and only a change leads to a new comparison.
+/// Compares the splats and the meshes that took part in a run. `done` has the keys of the nodes whose results this
+/// run computed or found in the cache; only their values are compared. The findings of each comparison are
+/// remembered with the values that it depends on, so that each run reports them and only a change leads to a new
+/// comparison.
 pub fn findings(engine: &Engine, graph: &Graph, done: &Done, memory: &mut Memory) -> Vec<Finding> {
     let values = Values::new(engine, graph, done);
     let digest: DigestOf<'_> = &|wire| values.digest(wire);

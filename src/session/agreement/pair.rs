@@ -14,12 +14,12 @@ pub(super) type DigestOf<'a> = &'a dyn Fn(Wire) -> Option<Digest>;
 
 /// Kinds that render splats.
 const RENDERS: [&str; 2] = ["splat-render", "splat-panorama"];
-/// Kinds that are searched for upstream of the background of a composite. What is upstream of a trace is not part of
-/// the background.
+/// Kinds that are searched for upstream of the background of a composite. What is upstream of a trace is not part
+/// of the background.
 const BACKGROUNDS: [&str; 3] = ["splat-render", "splat-panorama", "path-trace"];
 
-/// Splats and a mesh that show the same place, and the wires of the cameras of the mesh and of the inserted objects.
-/// The values are pairwise different.
+/// Splats and a mesh that show the same place, and the wires of the cameras of the mesh and of the inserted
+/// objects. The values are pairwise different.
 #[derive(Debug, PartialEq)]
 pub(super) struct Pair {
     pub(super) splats: Wire,
@@ -102,8 +102,8 @@ pub(super) fn traces(graph: &Graph, composite: usize) -> Vec<usize> {
 /// Pairs of splats and a receiver of which this run has the values. Each pair of different values is listed once.
 ///
 /// The splats of a trace are those of the background of its composite or, without such a composite, those that are
-/// rendered with equal cameras; and those from which the light of the trace is rendered. Without any of these, they are
-/// the splats of the run, if it has only one set of splats. Nodes at different values of an axis do not belong
+/// rendered with equal cameras; and those from which the light of the trace is rendered. Without any of these, they
+/// are the splats of the run, if it has only one set of splats. Nodes at different values of an axis do not belong
 /// together.
 pub(super) fn pairs(graph: &Graph, digest: DigestOf<'_>) -> Vec<Pair> {
     let mut behind: BTreeMap<usize, BTreeSet<usize>> = BTreeMap::new();

@@ -21,8 +21,8 @@ use crate::value::counts::Effort;
 use crate::value::error::NodeError;
 
 impl Run<'_> {
-    /// Looks for the result of a node in the results that machines share. Returns false if there are none, or if
-    /// the node takes less time than the question.
+    /// Looks for the result of a node in the results that machines share. Returns false if no other machine shares
+    /// any, or if the node takes less time than the question.
     pub(super) fn ask(&mut self, index: usize, key: Digest) -> bool {
         let (engine, options) = (self.engine, self.options);
         let Some(shared) = engine.shared.as_deref().filter(|_| !self.graph.nodes[index].kind.instant) else {
@@ -40,7 +40,7 @@ impl Run<'_> {
         true
     }
 
-    /// Uses the result of another machine, or computes the node if there is none.
+    /// Uses the result of another machine, or computes the node if that result is not available.
     pub(super) fn asked(&mut self, index: usize, found: Result<Option<Box<Entry>>, NodeError>) {
         // The node was skipped meanwhile.
         if self.slots[index].life != Life::Asking {

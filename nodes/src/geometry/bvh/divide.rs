@@ -88,8 +88,8 @@ fn close(branch: usize, items: Vec<u32>, tree: &mut [Branch], pieces: &mut Vec<V
 }
 
 /// Divides items into two sides, each with at least a fifth of the items. Of all borders between bins, the one with
-/// the lowest cost is used: the sum over both sides of surface area times number of items. If no border is possible,
-/// the items are halved along the widest axis.
+/// the lowest cost is used: the sum over both sides of surface area times number of items. If no border is
+/// possible, the items are halved along the widest axis.
 fn halved(boxes: &[Box3], items: &[u32]) -> [Vec<u32>; 2] {
     let centre = |item: u32| boxes[item as usize].0 + boxes[item as usize].1;
     let (low, high) = items.iter().fold(EMPTY, |all, &item| joined(all, (centre(item), centre(item))));

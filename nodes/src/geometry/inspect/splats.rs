@@ -252,8 +252,8 @@ mod tests {
     use crate::geometry::inspect::AXES;
     use crate::testing::context;
 
-    /// A floor of flat splats with walls around it and some dust above. Up is the direction `sign` along `axis`, and
-    /// the height of the floor is -1.
+    /// A floor of flat splats with walls around it and some dust above. Up is the direction `sign` along `axis`,
+    /// and the height of the floor is -1.
     fn room(axis: usize, sign: f32) -> Splats {
         let mut splats = Splats::empty();
         let unit = |i: usize, k: usize| ((i * 7919 + k * 104_729) % 1009) as f32 / 1008.0 * 2.0 - 1.0;

@@ -3,10 +3,10 @@
 //!
 //! Vertices at one place are welded, and faces that touch over edges form patches. Where parts touch each other, or
 //! faces have different orientations, patches end. A closed patch with a positive volume looks outwards. For other
-//! patches that may look inwards, rays decide (after Takayama, Jacobson, Kavan, Sorkine-Hornung: A Simple Method for
-//! Correcting Facet Orientations in Polygon Meshes Based on Ray-Casting, 2014): rays from the front of a patch that is
-//! inside out do not leave the object, and rays from its back do. The faces of a cavity are left, since no rays leave
-//! from their back.
+//! patches that may look inwards, rays decide (after Takayama, Jacobson, Kavan, Sorkine-Hornung: A Simple Method
+//! for Correcting Facet Orientations in Polygon Meshes Based on Ray-Casting, 2014): rays from the front of a patch
+//! that is inside out do not leave the object, and rays from its back do. The faces of a cavity are left, since no
+//! rays leave from their back.
 
 mod escape;
 #[cfg(test)]
@@ -24,19 +24,19 @@ type Shares = (u32, [f64; 2]);
 
 /// Score below which an open patch may look inwards.
 const DOUBTFUL: f64 = 0.1;
-/// Largest share of rays from the front, and smallest share of rays from the back, that leave the object from a patch
-/// that is inside out. Rays may slip through cracks.
+/// Largest share of rays from the front, and smallest share of rays from the back, that leave the object from a
+/// patch that is inside out. Rays may slip through cracks.
 const TURNED: [f64; 2] = [0.02, 0.1];
-/// An open patch that is not turned is reported if the share of rays that leave from its back is larger than from its
-/// front by more than this.
+/// An open patch that is not turned is reported if the share of rays that leave from its back is larger than from
+/// its front by more than this.
 const REPORTED: f64 = 0.3;
-/// An open patch is reported only if the length of the sum of its area vectors is less than this fraction of its area.
-/// For a flat sheet, which has no inside, it is 1.
+/// An open patch is reported only if the length of the sum of its area vectors is less than this fraction of its
+/// area. For a flat sheet, which has no inside, it is 1.
 const OPEN: f64 = 0.75;
 /// An open patch is reported only if its share of the area of the object is larger than this.
 const VISIBLE: f64 = 0.01;
-/// Maximum number of patches that are tested with rays. If there are more, as in foliage, an even selection is tested,
-/// and no face is turned.
+/// Maximum number of patches that are tested with rays. If there are more, as in foliage, an even selection is
+/// tested, and no face is turned.
 const TESTED: usize = 1 << 15;
 
 /// A patch of faces.

@@ -5,8 +5,8 @@ use glam::DVec3;
 
 use crate::types::Primitive;
 
-/// Largest distance between vertices that count as one place, relative to the diagonal of the object. Exporters round
-/// coordinates to single precision or to six digits.
+/// Largest distance between vertices that count as one place, relative to the diagonal of the object. Exporters
+/// round coordinates to single precision or to six digits.
 const TOLERANCE: f64 = 1e-6;
 /// Width of a cell of the grid in which near vertices are searched, in units of the tolerance.
 const CELL: f64 = 16.0;
@@ -91,8 +91,8 @@ pub(super) struct Patches {
 }
 
 /// Connects faces, given by their places, over edges of exactly two faces that run through the edge in opposite
-/// directions. Edges of one face, of more than two faces (where parts touch), or of faces with different orientations
-/// are boundaries.
+/// directions. Edges of one face, of more than two faces (where parts touch), or of faces with different
+/// orientations are boundaries.
 pub(super) fn patches(faces: &[[u32; 3]], cx: &Context) -> Result<Patches, NodeError> {
     let mut edges: Vec<([u32; 2], u32)> = Vec::with_capacity(3 * faces.len());
     for (at, face) in faces.iter().enumerate() {

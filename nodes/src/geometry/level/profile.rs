@@ -29,8 +29,8 @@ pub(super) struct Profile {
     /// Score of the floor: the share of all surface that lies flat in it, minus the share expected by chance. The
     /// score is reduced if there is surface below the floor.
     pub ground: f64,
-    /// Score of the highest large layer, called the lid, computed like the score of the floor. It is reduced if there is
-    /// surface above the lid.
+    /// Score of the highest large layer, called the lid, computed like the score of the floor. It is reduced if
+    /// there is surface above the lid.
     pub lid: f64,
     /// Effective number of independent patches of surface in the floor.
     pub observations: f64,
@@ -40,8 +40,8 @@ pub(super) struct Profile {
     pub lid_cover: f64,
     /// Balance between the surface above the floor and the surface below it, including the background.
     pub side: f64,
-    /// Balance between the surfaces, except walls, in the lower half of the space from floor to lid and those in the
-    /// upper half.
+    /// Balance between the surfaces, except walls, in the lower half of the space from floor to lid and those in
+    /// the upper half.
     pub things: f64,
     /// Surfaces counted in `things`, as a share of all surface.
     pub things_share: f64,
@@ -238,9 +238,9 @@ fn balance([a, b]: [f64; 2]) -> f64 {
     if a + b > 0.0 { (a - b) / (a + b) } else { 0.0 }
 }
 
-/// Measures what the plan of the scene shows: the share that the floor and the lid cover, the surfaces between them,
-/// and their light. `found` has the heights of floor and lid, `width` is the thickness of a layer, and `total` the
-/// weight of all surface.
+/// Measures what the plan of the scene shows: the share that the floor and the lid cover, the surfaces between
+/// them, and their light. `found` has the heights of floor and lid, `width` is the thickness of a layer, and
+/// `total` the weight of all surface.
 fn measure_plan(found: &mut Profile, patches: &Patches, width: f64, total: f64) {
     let (core, up) = (&patches.core, found.up);
     let [x, y] = across(up);

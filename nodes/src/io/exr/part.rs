@@ -7,9 +7,9 @@ pub(super) fn part_name(header: &Header) -> String {
     header.own_attributes.layer_name.as_ref().map_or_else(String::new, ToString::to_string)
 }
 
-/// The layer of the colours of a part: an empty name for colour channels or a grey channel without a layer (not the Y
-/// of a vector), and the name of the part if the names of its channels begin with it, as some programs write them. `None` if the part has
-/// neither.
+/// The layer of the colours of a part: an empty name for colour channels or a grey channel without a layer (not the
+/// Y of a vector), and the name of the part if the names of its channels begin with it, as some programs write
+/// them. `None` if the part has neither.
 fn colours(header: &Header) -> Option<String> {
     let holds = |layer: &str| {
         let prefix = if layer.is_empty() { String::new() } else { format!("{layer}.") };
@@ -25,9 +25,9 @@ fn colours(header: &Header) -> Option<String> {
 }
 
 /// The part of a file that contains a layer, and the name of the layer within the part. An empty name selects the
-/// first flat part with colours, whose channels may carry the name of the part, or, if no part has colours, the first
-/// flat part. Any other name is the name of a
-/// layer in any part, the name of a part, or both, separated by a dot or a slash.
+/// first flat part with colours, whose channels may carry the name of the part, or, if no part has colours, the
+/// first flat part. Any other name is the name of a layer in any part, the name of a part, or both, separated by a
+/// dot or a slash.
 pub fn choose_part<'a>(headers: &'a [Header], layer: &str) -> Option<(&'a Header, String)> {
     let flat = || headers.iter().filter(|header| !header.deep);
     let first = flat().next()?;

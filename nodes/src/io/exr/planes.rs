@@ -34,8 +34,8 @@ pub struct Planes {
     pub primaries: Option<[[f32; 2]; 4]>,
 }
 
-/// True if chromaticities (x and y of red, green, blue and white) differ from those of sRGB, which are the default for
-/// files without chromaticities, by more than rounding; false for `None`.
+/// True if chromaticities (x and y of red, green, blue and white) differ from those of sRGB, which are the default
+/// for files without chromaticities, by more than rounding; false for `None`.
 pub fn differ_from_srgb(primaries: Option<&[[f32; 2]; 4]>) -> bool {
     let srgb = [REC709.red, REC709.green, REC709.blue, REC709.white];
     let off = |own: &[[f32; 2]; 4]| {

@@ -32,8 +32,9 @@ const BATCH: usize = 16;
 /// Largest finite 16-bit float.
 const HALF_MAX: f32 = 65_504.0;
 
-/// Writes one part whose colours have the primaries of Rec.709. `encoding` and `recipe` become the attributes `lightharmony:encoding` and `comments`. Returns
-/// the bytes and the number of values beyond the range of 16-bit floats.
+/// Writes one part whose colours have the primaries of Rec.709. `encoding` and `recipe` become the attributes
+/// `lightharmony:encoding` and `comments`. Returns the bytes and the number of values beyond the range of 16-bit
+/// floats.
 pub fn write(
     width: usize,
     height: usize,

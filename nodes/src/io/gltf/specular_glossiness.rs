@@ -7,8 +7,8 @@ pub(crate) const NAME: &str = "KHR_materials_pbrSpecularGlossiness";
 
 /// Replaces specular-glossiness with metallic-roughness and two extensions, as Blender does: the diffuse colour
 /// becomes the base colour of a dielectric, and the specular colour its reflectance at normal incidence
-/// (`KHR_materials_ior`, `KHR_materials_specular`). Roughness is one minus glossiness; `Materials` derives its texture
-/// from the alpha of the texture.
+/// (`KHR_materials_ior`, `KHR_materials_specular`). Roughness is one minus glossiness; `Materials` derives its
+/// texture from the alpha of the texture.
 pub(super) fn replace(json: &mut Value) {
     for material in json.get_mut("materials").and_then(Value::as_array_mut).into_iter().flatten() {
         let Some(gloss) = material["extensions"].get(NAME).cloned() else { continue };

@@ -11,8 +11,8 @@ use crate::io::colour_range::Range;
 use crate::io::foreign::refuse_foreign;
 use crate::math::num;
 
-/// Adds the materials of all material files. Returns their indices by name, and whether all files could be used. The
-/// last definition of a name counts.
+/// Adds the materials of all material files. Returns their indices by name, and whether all files could be used.
+/// The last definition of a name counts.
 pub(super) fn materials(
     bytes: &[u8],
     beside: &dyn Fn(&str) -> Result<Vec<u8>, NodeError>,

@@ -1,6 +1,6 @@
-//! Materials of Wavefront OBJ files, after the MTL specification of Wavefront and the extension for physically based
-//! materials (`Pr`, `Pm`). No crate is used: a library that stops at the first unusual line loses all materials of
-//! the file.
+//! Materials of Wavefront OBJ files, after the MTL specification of Wavefront and the extension for physically
+//! based materials (`Pr`, `Pm`). No crate is used: a library that stops at the first unusual line loses all
+//! materials of the file.
 
 use std::collections::BTreeSet;
 

@@ -1,5 +1,5 @@
-//! STL files, in text or binary. No crate is used: the crate `stl_io` reads only the first solid of a text, without a
-//! note, and only in lower case.
+//! STL files, in text or binary. No crate is used: the crate `stl_io` reads only the first solid of a text, without
+//! a note, and only in lower case.
 
 use std::collections::HashMap;
 

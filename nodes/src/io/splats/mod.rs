@@ -1,5 +1,5 @@
-//! Files of Gaussian splats, read and written: INRIA PLY, PlayCanvas compressed PLY, SOG, SPZ, `.splat`, `.ksplat` and
-//! glTF with `KHR_gaussian_splatting`.
+//! Files of Gaussian splats, read and written: INRIA PLY, PlayCanvas compressed PLY, SOG, SPZ, `.splat`, `.ksplat`
+//! and glTF with `KHR_gaussian_splatting`.
 
 mod accessor;
 mod bytes;

@@ -37,8 +37,8 @@ const TURNS: [f64; 4] = [0.0, 28.0, -8.0, -28.0];
 /// Focal length of the cameras of the capture, as a multiple of the width of the picture.
 const FOCAL: f64 = 0.625;
 
-/// `count` cameras along the closed way through `places`, which are the positions of the capture in the frame of the
-/// scene. Their pictures are `width_px` pixels wide.
+/// `count` cameras along the closed way through `places`, which are the positions of the capture in the frame of
+/// the scene. Their pictures are `width_px` pixels wide.
 pub(super) fn capture(places: &[DVec3], (count, width_px): (usize, u32), world: &WorldFrame) -> Rig {
     let middle = DVec3::new(0.0, 0.1, 0.55);
     let size = [width_px, (width_px * 2 / 3).max(1)];

@@ -77,8 +77,8 @@ engine::outputs! {
     }
 }
 
-/// Height above the position of the object, in metres, of the point at which the search for viewpoints in empty space
-/// starts.
+/// Height above the position of the object, in metres, of the point at which the search for viewpoints in empty
+/// space starts.
 const EYE_METRES: f64 = 0.45;
 /// Near plane of the views that are fused, in metres. A larger value would cut away the ground below a place, which
 /// would then count as empty space.

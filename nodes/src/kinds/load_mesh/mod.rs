@@ -60,8 +60,8 @@ engine::params! {
         colours: ColourEncoding = ColourEncoding::Auto, other("Linear");
         /// Frame of reference of the coordinates.
         frame: MeshFrame = MeshFrame::World, other("Gltf");
-        /// Rotation, uniform scale and translation of the mesh, applied after `frame`: a 4x4 matrix in row-major order,
-        /// as in `load-splats`.
+        /// Rotation, uniform scale and translation of the mesh, applied after `frame`: a 4x4 matrix in row-major
+        /// order, as in `load-splats`.
         matrix: Option<[f64; 16]> = None, other("Some((0.0, -1.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0))");
     }
 }

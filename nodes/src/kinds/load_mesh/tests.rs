@@ -152,8 +152,8 @@ fn colours_of_faces_are_those_of_their_corners() {
     assert!(mesh.positions.len() == 4 && notes.iter().all(|note| note.id != "face-colours"));
 }
 
-/// glTF is y-up by specification, but meshes of captures usually use world axes. If the coordinates of a glTF file are
-/// used as world coordinates, this is reported; with `frame: Gltf` it is not.
+/// glTF is y-up by specification, but meshes of captures usually use world axes. If the coordinates of a glTF file
+/// are used as world coordinates, this is reported; with `frame: Gltf` it is not.
 #[test]
 fn axes_of_gltf_are_reported() {
     for (frame, reported) in [(MeshFrame::World, true), (MeshFrame::Gltf, false)] {

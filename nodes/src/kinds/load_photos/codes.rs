@@ -57,8 +57,8 @@ pub fn of_size(picture: Picture, camera: &Camera) -> Result<Sampled, NodeError> 
     Ok(Sampled { size: (to.0, to.1, channels), samples: out, linear })
 }
 
-/// For each of `to` equal parts of `from` pixels, the first pixel that it overlaps, and the share of each pixel from
-/// there in the part. The shares of a part sum to 1.
+/// For each of `to` equal parts of `from` pixels, the first pixel that it overlaps, and the share of each pixel
+/// from there in the part. The shares of a part sum to 1.
 fn spans(from: usize, to: usize) -> Vec<(usize, Vec<f64>)> {
     let each = from as f64 / to as f64;
     let span = |part: usize| {

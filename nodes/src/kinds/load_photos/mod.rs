@@ -21,19 +21,19 @@ engine::params! {
     ///
     /// The cameras come from `load-cameras`, which reads COLMAP, nerfstudio and other formats. The photograph of a
     /// camera is the file of the folder `path` whose name without extension is the name of the camera; or, if the
-    /// graph has pictures of the cameras already, the view of the input `image` with that name. Photographs that are
-    /// larger than the picture of their camera are scaled down to its size, so `resolution` of `load-cameras` sets the
-    /// size of training. Linear pictures are converted to display values, since splats are trained on these. Values
-    /// are rounded to 8 bits per channel.
+    /// graph has pictures of the cameras already, the view of the input `image` with that name. Photographs that
+    /// are larger than the picture of their camera are scaled down to its size, so `resolution` of `load-cameras`
+    /// sets the size of training. Linear pictures are converted to display values, since splats are trained on
+    /// these. Values are rounded to 8 bits per channel.
     pub struct LoadPhotos {
         /// Folder of the photographs: PNG, JPEG, OpenEXR or Radiance HDR.
         path: Option<InputFile> = None, other("Some(\"photos_b\")");
-        /// Folder of masks. The mask of a photograph has the same name, with any extension. Pixels whose first channel
-        /// is below 0.5 are ignored in training. Photographs without a mask are used in full. The transparent part of
-        /// a photograph with an alpha channel is ignored as well.
+        /// Folder of masks. The mask of a photograph has the same name, with any extension. Pixels whose first
+        /// channel is below 0.5 are ignored in training. Photographs without a mask are used in full. The
+        /// transparent part of a photograph with an alpha channel is ignored as well.
         masks: Option<InputFile> = None, other("Some(\"masks\")");
-        /// Points on the surfaces of the place, in the coordinates of the cameras: `points3D.bin` or `points3D.txt` of
-        /// COLMAP. Training begins with splats at these points.
+        /// Points on the surfaces of the place, in the coordinates of the cameras: `points3D.bin` or `points3D.txt`
+        /// of COLMAP. Training begins with splats at these points.
         points: Option<InputFile> = None, other("Some(\"points3D.txt\")");
     }
 }

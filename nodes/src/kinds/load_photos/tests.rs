@@ -36,8 +36,8 @@ fn pictures_of_the_graph_become_photographs() {
     assert!(result.err().expect("is refused").to_string().contains("no pixel"));
 }
 
-/// Photographs in a folder are scaled to the size of their cameras and masked. Photographs that are missing, that are
-/// too small or that have another aspect ratio are refused.
+/// Photographs in a folder are scaled to the size of their cameras and masked. Photographs that are missing, that
+/// are too small or that have another aspect ratio are refused.
 #[test]
 fn folders_are_read_by_name() {
     let folder = tempfile::tempdir().expect("is made");

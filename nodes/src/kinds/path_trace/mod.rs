@@ -114,8 +114,8 @@ impl PathTrace {
         Decided { name: decision.name(), rules, probe, twice }
     }
 
-    /// Point of capture of the environment. If the environment has none, returns the position of `camera`, and adds a
-    /// note if the setting `surroundings` depends on the point.
+    /// Point of capture of the environment. If the environment has none, returns the position of `camera`, and adds
+    /// a note if the setting `surroundings` depends on the point.
     fn point_of_capture(&self, inputs: &In, camera: &Camera, notes: &mut Notes) -> DVec3 {
         if let Some(origin) = inputs.env.origin {
             return origin;

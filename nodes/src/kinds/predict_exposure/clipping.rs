@@ -191,8 +191,8 @@ impl<'a> Clipping<'a> {
     }
 }
 
-/// Networks for the method `Learned`: the built-in networks, or those in the user's file. `None` for other methods. The
-/// file is read even if nothing is clipped, so that an invalid file is reported.
+/// Networks for the method `Learned`: the built-in networks, or those in the user's file. `None` for other methods.
+/// The file is read even if nothing is clipped, so that an invalid file is reported.
 fn learned(
     params: &PredictExposure,
     notes: &mut Notes,

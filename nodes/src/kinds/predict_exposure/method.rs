@@ -40,7 +40,8 @@ pub enum Method {
     /// The method of the paper: Flux.1 Kontext, a diffusion model, with a LoRA that repeatedly reduces the exposure
     /// by three stops. Needs the feature `learned`, and weights that the user supplies.
     FluxKontext {
-        /// Flux.1 Kontext: safetensors in the layout of its authors or of `diffusers` (or its first shard), or GGUF.
+        /// Flux.1 Kontext: safetensors in the layout of its authors or of `diffusers` (or its first shard), or
+        /// GGUF.
         transformer: InputFile,
         /// Autoencoder: `ae.safetensors`, or the autoencoder file of `diffusers`.
         vae: InputFile,

@@ -15,8 +15,8 @@ use crate::math::num;
 const MEAN: [f64; 9] = [0.0, -7.542, 6.265, 0.229, 0.357, 0.993, 0.619, 0.032, 0.232];
 /// Standard deviation of each feature over the data of the regression.
 const SPREAD: [f64; 9] = [1.0, 2.404, 3.169, 0.534, 0.151, 0.032, 1.193, 0.118, 0.092];
-/// Weight of each normalised feature, from a ridge regression of log2 mean gain on 4123 regions of 28 HDR panoramas of
-/// 256x128 pixels, at 5 exposures each.
+/// Weight of each normalised feature, from a ridge regression of log2 mean gain on 4123 regions of 28 HDR panoramas
+/// of 256x128 pixels, at 5 exposures each.
 const WEIGHT: [f64; 9] = [1.012, 0.411, -0.149, 0.362, -0.269, -0.008, -0.235, -0.064, 0.082];
 /// Range to which gains are clamped, in stops: the range of the data that the regression was fitted to.
 const STOPS: (f64, f64) = (0.0, 14.0);
@@ -99,7 +99,8 @@ fn features(grid: &Grid, up: Up, cells: &[usize], (total, rest): (f64, f64), cei
     [1.0, log, log * log / 10.0, sine / size, ring, compact, num::f64::log2(total), share, rest]
 }
 
-/// Mean of the channels of some cells; half of white if there are no cells. The regression was fitted with this default.
+/// Mean of the channels of some cells; half of white if there are no cells. The regression was fitted with this
+/// default.
 fn mean_of(grid: &Grid, cells: impl Iterator<Item = usize>) -> f64 {
     let (mut sum, mut n) = (0.0, 0.0);
     for cell in cells {

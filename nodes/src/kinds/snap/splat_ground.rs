@@ -9,16 +9,16 @@ use crate::types::Splats;
 
 /// Minimum density of a splat, relative to full opacity, along a vertical line at which the splat counts as ground.
 const OPAQUE: f64 = 0.3;
-/// Maximum difference in height between a point of the ground and the centre of its splat, in standard deviations of
-/// the height of the splat. Farther away, the splat is seen nearly edge-on and is not a surface.
+/// Maximum difference in height between a point of the ground and the centre of its splat, in standard deviations
+/// of the height of the splat. Farther away, the splat is seen nearly edge-on and is not a surface.
 const HELD_SIGMAS: f64 = 2.0;
 /// Minimum standard deviation along an axis, as a share of the longest, so that vertical splats have a slope.
 const THINNEST: f64 = 1e-3;
 
 /// Heights at which opaque splats are densest along the vertical lines of a grid above and below the foot, within
 /// `reach`. Splats between the lines count at their centre. Points are in the coordinates of
-/// [`Columns`](super::ground::Columns): two horizontal coordinates relative to the middle of the foot, and the height
-/// above its base, in world units.
+/// [`Columns`](super::ground::Columns): two horizontal coordinates relative to the middle of the foot, and the
+/// height above its base, in world units.
 pub(super) fn on_splats(splats: &Splats, foot: &Foot, up: DVec3, reach: f64) -> Vec<[f64; 3]> {
     let [across, along] = Foot::axes(up);
     let half = [across, along].map(|axis| foot.half.dot(axis.abs()));
@@ -74,7 +74,8 @@ fn lines(centre: f64, extent: f64, half: f64) -> std::ops::Range<u32> {
     if half > 0.0 { number(centre - extent)..(number(centre + extent) + 1).min(GRID) } else { 0..0 }
 }
 
-/// Covariance of a splat along the horizontal axes x and y and the height h, and the inverse of its horizontal part.
+/// Covariance of a splat along the horizontal axes x and y and the height h, and the inverse of its horizontal
+/// part.
 struct Slope {
     xx: f64,
     yy: f64,

@@ -37,8 +37,8 @@ engine::params! {
         /// Maximum number of splats.
         max_splats: u32 = 200000, range(1, 20000000), other("60");
         /// Number of splats before the first iteration, if `splats` is not connected. They are at the points of the
-        /// photographs; if there are more points, this many are chosen, and if there are no points, this many splats
-        /// are placed at random.
+        /// photographs; if there are more points, this many are chosen, and if there are no points, this many
+        /// splats are placed at random.
         start_splats: u32 = 50000, range(1, 20000000), other("120");
         /// Degree of the spherical harmonics.
         sh_degree: u32 = 3, range(0, 3), other("1");
@@ -49,15 +49,16 @@ engine::params! {
         decay_iterations: u32 = 15000, range(1, 1000000), other("4");
         /// Number of iterations after which splats are no longer moved to other splats or added.
         grow_iterations: u32 = 12000, range(0, 1000000), other("600"), inert("splats are first added after 500 iterations");
-        /// True to fit a factor on each colour channel of each photograph, for exposure and white balance that vary.
+        /// True to fit a factor on each colour channel of each photograph, for exposure and white balance that
+        /// vary.
         exposure: bool = false, other("true");
         /// True to fit a colour behind all splats. The report states it; a render of the splats has black there.
         background: bool = false, other("true");
         /// True to compensate the opacity of small splats for the low-pass filter (Mip-Splatting). The splats carry
         /// a mark, so that `splat-render` compensates as well.
         antialiased: bool = false, other("true");
-        /// Every photograph with an index divisible by this number, in the order of the cameras, is held out and only
-        /// scored. 0 trains with all photographs, which leaves nothing to score.
+        /// Every photograph with an index divisible by this number, in the order of the cameras, is held out and
+        /// only scored. 0 trains with all photographs, which leaves nothing to score.
         test_every: u32 = 8, range(0, 1000000), other("3");
     }
 }

@@ -70,7 +70,7 @@ fn score(
     })
 }
 
-/// Mean PSNR of photographs, in dB. `None` if there are none, or if one is reproduced exactly.
+/// Mean PSNR of photographs, in dB. `None` without photographs, or if one is reproduced exactly.
 pub fn mean_psnr(scores: &[Score]) -> Option<f64> {
     let sum: f64 = scores.iter().map(|score| score.psnr).sum();
     Some(sum / scores.len() as f64).filter(|mean| mean.is_finite())

@@ -46,8 +46,8 @@ const AGREES: f64 = 0.8;
 const IN_PLACE: f64 = 0.85;
 /// Minimum agreement of the surfaces with a transformed mesh for the transform to be reported.
 const FOUND: f64 = 0.8;
-/// Minimum agreement of the depths with a transformed mesh for the transform to be reported, if the agreement of the
-/// surfaces gives no transform.
+/// Minimum agreement of the depths with a transformed mesh for the transform to be reported, if the agreement of
+/// the surfaces gives no transform.
 const FOUND_BY_VIEWS: f64 = 0.75;
 /// Minimum agreement of the depths, without the parts that float or are missing, at which only these parts count as
 /// wrong. If it is lower, splats and mesh disagree as a whole.

@@ -17,8 +17,8 @@ const SIMILAR: f64 = 0.06;
 /// A transform with at least this shift is large enough to be reported. The shift is a share of the median distance
 /// from the eye to the points.
 pub(super) const SHIFTED: f64 = 0.1;
-/// Like [`SHIFTED`], as a share of the median distance of the splats from their middle, for a transform that is found
-/// by the surfaces.
+/// Like [`SHIFTED`], as a share of the median distance of the splats from their middle, for a transform that is
+/// found by the surfaces.
 pub(super) const SHIFTED_SURFACES: f64 = 0.03;
 /// A transform with at least this relative change of scale is large enough to be reported.
 const SCALED: f64 = 0.06;
@@ -81,8 +81,8 @@ impl Moved {
     }
 
     /// True if the transform is large enough to be reported, and its agreement is at least `least` and sufficiently
-    /// higher than at the own position of the mesh. A shift is large enough if it is at least the share `shifted` of
-    /// the median distance of the points.
+    /// higher than at the own position of the mesh. A shift is large enough if it is at least the share `shifted`
+    /// of the median distance of the points.
     pub(super) fn is_found(&self, [least, shifted]: [f64; 2], spots: &Spots) -> bool {
         let far = self.shift >= shifted * spots.distance
             || (self.by.scale - 1.0).abs() >= SCALED

@@ -196,7 +196,8 @@ impl Spots {
         (radius > 0.0).then_some(Self { list, distance: radius, middle, radius, grain: 0.0 })
     }
 
-    /// Lower and upper corner of a box that contains nearly all points. About one point in 200 lies beyond each side.
+    /// Lower and upper corner of a box that contains nearly all points. About one point in 200 lies beyond each
+    /// side.
     pub fn extents(&self) -> [DVec3; 2] {
         let beyond = self.list.len() / 200;
         let bounds = [0, 1, 2].map(|axis| {
@@ -234,8 +235,8 @@ fn centres(splats: &Splats, step: usize) -> impl Iterator<Item = (DVec3, Option<
 pub(super) struct Agreement {
     /// Weighted mean over all points.
     pub all: f64,
-    /// Weighted mean over the points at which the argument `known` of [`Spots::agreement`] is finite; 0 if there are
-    /// no such points.
+    /// Weighted mean over the points at which the argument `known` of [`Spots::agreement`] is finite; 0 if there
+    /// are no such points.
     pub known: f64,
     /// Total weight of the points at which `known` is finite, as a share of the weight of all points.
     pub share: f64,

@@ -25,8 +25,8 @@ pub struct Fit {
     pub extra: f64,
     /// Pixels that show the back of the mesh, as a share of all pixels.
     pub backs: f64,
-    /// Share of the silhouettes of the splats at which the mesh has a silhouette, and share of the silhouettes of the
-    /// mesh at which the splats have one. `None` for a view without such silhouettes. See [`silhouettes`].
+    /// Share of the silhouettes of the splats at which the mesh has a silhouette, and share of the silhouettes of
+    /// the mesh at which the splats have one. `None` for a view without such silhouettes. See [`silhouettes`].
     pub silhouettes: [Option<f64>; 2],
 }
 

@@ -125,8 +125,8 @@ fn room(faces: &[DepthView], ahead: Vec3, clearance: f32) -> f32 {
 }
 
 impl Places {
-    /// Finds up to `most` places, starting from the given places `seeds`. If there is a focus, views of it from above
-    /// are added.
+    /// Finds up to `most` places, starting from the given places `seeds`. If there is a focus, views of it from
+    /// above are added.
     pub fn grown(
         ground: &Ground<'_>,
         seeds: &[Vec3],

@@ -8,8 +8,8 @@ use super::grid::Grid;
 const CLEAR: usize = 5;
 /// Maximum number of surfaces that are examined in each column.
 const STACKED: usize = 4;
-/// Height of the free space above a place, in multiples of `Wish::enough`, at which the place gets half the score that
-/// it would get under the open sky. Objects under a cover are dark and hard to see.
+/// Height of the free space above a place, in multiples of `Wish::enough`, at which the place gets half the score
+/// that it would get under the open sky. Objects under a cover are dark and hard to see.
 const COVERED: f64 = 10.0;
 /// Minimum number of cells of a surface.
 const FEWEST: usize = 30;

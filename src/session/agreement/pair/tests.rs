@@ -28,8 +28,8 @@ fn graph(axes: &str, between: &str) -> Graph {
         .unwrap_or_else(|e| panic!("{e:?}"))
 }
 
-/// Digests of outputs that are equal where kind and parameters are equal. A `pick-cameras` without `pick` passes its
-/// rig on. The nodes in `without` have no values.
+/// Digests of outputs that are equal where kind and parameters are equal. A `pick-cameras` without `pick` passes
+/// its rig on. The nodes in `without` have no values.
 fn digests<'a>(graph: &'a Graph, without: &'a [&str]) -> impl Fn(Wire) -> Option<Digest> + 'a {
     move |wire| {
         let mut node = wire.node;

@@ -85,8 +85,8 @@ fn results_of_unknown_keys_are_not_used_and_this_is_reported_once() {
     assert_eq!((ran.ran.as_str(), ran.ids()), ("d e n w", vec!["remote-revoked"]));
 }
 
-/// Another user of the server stores false results under the right keys: unsigned, signed by a key of their own, and
-/// results of one key under another key.
+/// Another user of the server stores false results under the right keys: unsigned, signed by a key of their own,
+/// and results of one key under another key.
 #[test]
 fn a_lie_in_the_cache_is_not_used() {
     let Some(server) = Casd::start() else { return };

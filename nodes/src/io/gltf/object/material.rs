@@ -30,8 +30,8 @@ pub struct Materials<'a> {
 pub struct Picture {
     /// Index of the image in the file.
     pub image: usize,
-    /// If the alpha of the image is a glossiness, the factor that multiplies it. The texture then holds one minus the
-    /// glossiness in its green channel.
+    /// If the alpha of the image is a glossiness, the factor that multiplies it. The texture then holds one minus
+    /// the glossiness in its green channel.
     pub glossiness: Option<f64>,
 }
 

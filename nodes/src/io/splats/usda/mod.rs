@@ -1,6 +1,7 @@
-//! USD in text (`.usda`) with prims of `ParticleField3DGaussianSplat` (OpenUSD 26.03, `usdVol`): scales and opacities
-//! are activated, quaternions are w x y z, harmonics follow each other splat by splat. Prims that are inactive,
-//! invisible or not defined are skipped. References, variants and other layers are not followed, but reported.
+//! USD in text (`.usda`) with prims of `ParticleField3DGaussianSplat` (OpenUSD 26.03, `usdVol`): scales and
+//! opacities are activated, quaternions are w x y z, harmonics follow each other splat by splat. Prims that are
+//! inactive, invisible or not defined are skipped. References, variants and other layers are not followed, but
+//! reported.
 
 mod prim;
 mod scan;

@@ -198,9 +198,9 @@ fn no_ray_asks_an_object_that_is_far_from_all() {
     }
 }
 
-/// If the receiver emits the light, cropping avoids at least three quarters of the additional rays of the render with
-/// the object when the object is high above rough ground or far to the side. For an object just above a flat floor,
-/// distant tiles are cropped.
+/// If the receiver emits the light, cropping avoids at least three quarters of the additional rays of the render
+/// with the object when the object is high above rough ground or far to the side. For an object just above a flat
+/// floor, distant tiles are cropped.
 #[test]
 fn near_light_is_not_asked_for_what_is_far() {
     let rough = || {

@@ -52,8 +52,8 @@ fn a_picture_on_a_rough_wall_is_whole() {
     }
 }
 
-/// An object a few centimetres from the wall does not count as resting on it. This test fails if `gap` is as large as
-/// `deep` in `Side::rests`.
+/// An object a few centimetres from the wall does not count as resting on it. This test fails if `gap` is as large
+/// as `deep` in `Side::rests`.
 #[test]
 fn what_stands_near_a_wall_stays_off_it() {
     let eye = DVec3::new(2.4, -1.2, 0.4);

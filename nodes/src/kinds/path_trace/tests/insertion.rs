@@ -134,8 +134,8 @@ fn a_shadow_alone_is_the_shadow() {
 }
 
 /// An object that is inside out is black whatever the number of bounces, so the advice is about its faces; and one
-/// that is seen only from behind is reported as that. In an earlier version the advice was to raise `max_bounces`, or
-/// to check the axes.
+/// that is seen only from behind is reported as that. In an earlier version the advice was to raise `max_bounces`,
+/// or to check the axes.
 #[test]
 fn faces_seen_from_behind_are_reported_as_that() {
     let camera = rig(DVec3::new(0.0, -4.0, 0.5), DVec3::new(0.0, 0.0, 0.5), 16, 24.0);
@@ -194,8 +194,8 @@ fn one_of_several_objects_that_is_not_seen_is_named() {
 }
 
 /// Tests `nearest` for rods a third of a pixel wide, and for a pane with a coverage of a third. `nearest` is their
-/// depth wherever any of the first 16 samples of a pixel hits them, and equals `depth` otherwise. `depth` is the depth of
-/// the first surface at the centre of the pixel that covers more than half.
+/// depth wherever any of the first 16 samples of a pixel hits them, and equals `depth` otherwise. `depth` is the
+/// depth of the first surface at the centre of the pixel that covers more than half.
 #[test]
 fn nearest_is_what_shows_anywhere_in_a_pixel() {
     let rod = box_mesh([-0.01, -0.01, 0.0], [0.01, 0.01, 1.0], false);

@@ -288,8 +288,8 @@ fn a_clear_coat_dims_what_shines_under_it() {
     assert!(bare > 0.0 && (found / bare - 0.96).abs() < 0.01, "{found} of {bare}");
 }
 
-/// A flat mirror shows the sky exactly as the background next to it does, without the edges of texels. This test fails if
-/// `is_narrow` is always false.
+/// A flat mirror shows the sky exactly as the background next to it does, without the edges of texels. This test
+/// fails if `is_narrow` is always false.
 #[test]
 fn mirrors_show_no_texels() {
     let mut env = constant(Up::PlusZ, [0.0; 3], 16);

@@ -62,8 +62,8 @@ fn starts(receiver: &Receiver) -> Vec<(Points, u32, Ray, Hit)> {
 }
 
 /// A path traced in a batch gives the same bits as the path alone, and casts as many rays. This test fails if
-/// `first_pair(bounce)` in `ReceiverPaths::draw` is replaced with `first_pair(1)`, or if `rules.clamped` is left out
-/// of `ReceiverPaths::advance_near`.
+/// `first_pair(bounce)` in `ReceiverPaths::draw` is replaced with `first_pair(1)`, or if `rules.clamped` is left
+/// out of `ReceiverPaths::advance_near`.
 #[test]
 fn a_path_in_a_batch_is_the_path_alone() {
     let (receiver, none) = (Receiver::new(&open_room(), DVec3::ZERO), Objects::new(None, &[], DVec3::ZERO));
@@ -101,8 +101,8 @@ fn a_path_in_a_batch_is_the_path_alone() {
 }
 
 /// Under near light, the change is the difference of two whole paths for every sample, also for those samples whose
-/// light is not computed because they touch no object. This test fails if `light_sample` returns before `dimming` for
-/// `touch_only` paths.
+/// light is not computed because they touch no object. This test fails if `light_sample` returns before `dimming`
+/// for `touch_only` paths.
 #[test]
 fn paths_that_touch_nothing_change_nothing() {
     let receiver = Receiver::new(&open_room(), DVec3::ZERO);

@@ -69,7 +69,8 @@ impl Photograph {
 struct Off {
     /// Number of stops by which the photograph shows more light than the brighter pictures.
     stops: f32,
-    /// True if all brighter pictures are clipped at the pixel, so that the photograph must show at least as much light.
+    /// True if all brighter pictures are clipped at the pixel, so that the photograph must show at least as much
+    /// light.
     white: bool,
 }
 

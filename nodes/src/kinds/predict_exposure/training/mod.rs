@@ -62,8 +62,8 @@ pub fn read(name: &str, bytes: &[u8]) -> Result<Image<Linear>, Error> {
 }
 
 /// Trains the networks. Each finished network is stored in the folder `parts`, so that it need not be trained
-/// again. `on_progress` receives the progress and returns whether to continue. Returns `None` if `on_progress` stopped the
-/// training.
+/// again. `on_progress` receives the progress and returns whether to continue. Returns `None` if `on_progress`
+/// stopped the training.
 pub fn train(
     panoramas: Vec<(String, Image<Linear>)>,
     plan: &Plan,

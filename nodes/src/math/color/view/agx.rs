@@ -1,5 +1,5 @@
-//! AgX as in Blender 4: the image formation of Sobotka in the version of Zhou (`AgX Base`, github.com/EaryChow/AgX).
-//! The steps are those of its generator; nothing is read from a table.
+//! AgX as in Blender 4: the image formation of Sobotka in the version of Zhou (`AgX Base`,
+//! github.com/EaryChow/AgX). The steps are those of its generator; nothing is read from a table.
 //!
 //! Colours outside the gamut are moved into it, the primaries are drawn inwards, each channel passes a sigmoid of
 //! its logarithm, part of the change of hue that this causes is undone, and the primaries are moved outwards again,

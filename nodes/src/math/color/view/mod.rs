@@ -127,8 +127,8 @@ mod tests {
         }
     }
 
-    /// Codes of other programs: Blender 4.5 (AgX at entries of its table; PBR Neutral, whose table it interpolates within 0.01),
-    /// and OpenColorIO 2.6.0 (ACES 2.0, `SDR-100nit-REC709_2.0`).
+    /// Codes of other programs: Blender 4.5 (AgX at entries of its table; PBR Neutral, whose table it interpolates
+    /// within 0.01), and OpenColorIO 2.6.0 (ACES 2.0, `SDR-100nit-REC709_2.0`).
     #[test]
     fn codes_agree_with_other_programs() {
         for (view, tolerance, light, wanted) in [

@@ -58,9 +58,9 @@ impl<'a> NearDraws<'a> {
         }
     }
 
-    /// Takes light samples for a single vertex at sub-samples of `points`, from the pair of sample dimensions `pair`,
-    /// into the first `count` entries of the result. Traces one ray for each. Entries are `None` where no light comes
-    /// from the lit side.
+    /// Takes light samples for a single vertex at sub-samples of `points`, from the pair of sample dimensions
+    /// `pair`, into the first `count` entries of the result. Traces one ray for each. Entries are `None` where no
+    /// light comes from the lit side.
     pub(crate) fn at_one(
         near: NearFieldLight<'a>,
         (point, samples): NearVertex<'a>,

@@ -82,8 +82,8 @@ impl<'a> NearFieldLight<'a> {
     }
 
     /// Light that arrives at `point` from the emitting point that lies in the direction of a light sample as seen
-    /// from the point of capture. Traces one ray. The radiance is 0 if the point sees the wrong side of the emitter;
-    /// other occlusion is tested by [`reaches`](Self::reaches).
+    /// from the point of capture. Traces one ray. The radiance is 0 if the point sees the wrong side of the
+    /// emitter; other occlusion is tested by [`reaches`](Self::reaches).
     pub fn arriving(&self, point: Vec3, light: LightSample) -> ArrivingLight {
         let Some(hit) = self.receiver.bvh.closest(Ray::new(self.eye, light.direction), |_| true) else {
             return (light, None);

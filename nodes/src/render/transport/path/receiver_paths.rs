@@ -1,8 +1,8 @@
 //! Paths on the receiver alone, many at once.
 //!
-//! Without objects every vertex of a path is matte, and the same few steps follow each other. The paths of a batch are
-//! therefore advanced together, one vertex at a time: the light samples of all of them are drawn together, so that
-//! memory accesses overlap. Each path gets the same bits as from [`Integrator::radiance`].
+//! Without objects every vertex of a path is matte, and the same few steps follow each other. The paths of a batch
+//! are therefore advanced together, one vertex at a time: the light samples of all of them are drawn together, so
+//! that memory accesses overlap. Each path gets the same bits as from [`Integrator::radiance`].
 //!
 //! [`Integrator::radiance`]: super::integrator::Integrator::radiance
 

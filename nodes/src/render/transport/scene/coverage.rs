@@ -51,8 +51,8 @@ impl Objects {
 
     /// Surface that is visible along a camera ray. One random number chooses among all surfaces along the ray: each
     /// surface takes its share of the range of numbers that the surfaces in front of it leave. Stratified numbers
-    /// therefore give stratified coverage. One ray is cast for each surface; `rays` counts them. The flag is true if
-    /// the ray passes the back of a face, invisible from behind, before the surface.
+    /// therefore give stratified coverage. One ray is cast for each surface; `rays` counts them. The flag is true
+    /// if the ray passes the back of a face, invisible from behind, before the surface.
     pub fn front(&self, ray: Ray, number: u32, rays: &mut u64) -> Option<(Hit, bool)> {
         let mut number = fraction(number);
         let mut passed: Option<Hit> = None;

@@ -208,8 +208,8 @@ mod tests {
     use crate::testing::chi_square;
 
     /// Chi-square test of sampled points against their density, over sixteenths of triangles of many sizes and
-    /// radiances, some of them black. This test fails if `root` is replaced with `unit(u)` in `Emitters::sample`, or
-    /// if `/ area` is left out of `Emitters::new`.
+    /// radiances, some of them black. This test fails if `root` is replaced with `unit(u)` in `Emitters::sample`,
+    /// or if `/ area` is left out of `Emitters::new`.
     #[test]
     fn points_follow_their_density() {
         let corners: Vec<[Vec3; 3]> = (0..12)

@@ -1,5 +1,5 @@
-//! Defensive sampling of the sky: most light samples are chosen for the lit side of a surface, and a quarter for all
-//! directions. It is used for light whose direction differs slightly from its direction in the panorama.
+//! Defensive sampling of the sky: most light samples are chosen for the lit side of a surface, and a quarter for
+//! all directions. It is used for light whose direction differs slightly from its direction in the panorama.
 
 use glam::Vec3;
 
