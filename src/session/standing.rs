@@ -67,15 +67,8 @@ fn load(path: &Path, matrix: Option<[f64; 16]>, cx: &Context) -> Result<Arc<Spla
 }
 
 fn rig(path: &Path, matrix: Option<[f64; 16]>, cx: &Context) -> Result<Arc<Rig>, NodeError> {
-    let params = LoadCameras {
-        path: InputFile(path.display().to_string()),
-        pick: Vec::new(),
-        list: "views".to_owned(),
-        resolution: 1.0,
-        distortion: Distortion::Ignore,
-        dataparser: None,
-        matrix,
-    };
+    let cameras = LoadCameras::of(InputFile(path.display().to_string()));
+    let params = LoadCameras { distortion: Distortion::Ignore, matrix, ..cameras };
     Ok(LoadCameras::run(&params, load_cameras::In {}, cx)?.0.rig)
 }
 

@@ -7,17 +7,22 @@ use engine::{Context, Cost, FileHead, InputFile, Keep, Kind, NodeError, Notes, S
 
 use crate::geometry::inward;
 use crate::io::foreign::json_text;
+use crate::io::gltf::animation::{Moment, check_clip};
 use crate::io::gltf::object::{object, sources};
 use crate::io::gltf::{self, Want};
 use crate::io::head::Head;
 use crate::io::import::Foreign;
 use crate::types::Object;
 
+pub use crate::io::gltf::animation::AfterEnd;
+
 engine::params! {
     /// Loads an object to insert: glTF or GLB, Wavefront OBJ with its materials, or STL.
     ///
-    /// Node transforms, instances, morph weights and skins are applied as stored in the file. The faces of a closed
-    /// shape that is inside out are reversed. Textures may be PNG, JPEG or WebP.
+    /// Node transforms, instances, morph weights and skins are applied as stored in the file, or with `clip` as an
+    /// animation of the file sets them at `time_s`. For a film, give `time_s` a value per frame:
+    /// `time_s: Axis("t")`. The faces of a closed shape that is inside out are reversed. Textures may be PNG, JPEG or
+    /// WebP.
     ///
     /// Materials are metallic-roughness with all their textures and with these KHR extensions: transmission,
     /// volume, ior, clearcoat, sheen, specular, anisotropy, iridescence, diffuse transmission, emissive strength,
@@ -29,6 +34,13 @@ engine::params! {
         path: InputFile, other("\"b.glb\"");
         /// Index of the scene in the file, from 0. If not given, the default scene of the file is used.
         scene: Option<u32> = None, range(0, 65535), other("Some(1)"), inert("most files have one scene");
+        /// Name of the animation of a glTF file that places the parts of the object. An animation without a name is
+        /// named by its index, such as `"0"`. If not given, the parts are placed as stored in the file.
+        clip: Option<String> = None, other("Some(\"walk\")"), inert("most files have no animation");
+        /// Time in the animation. Before its first key, the animation has the pose of this key.
+        time_s: f64 = 0.0, range(0, 86400), unit("s"), other("0.5"), inert("needs `clip`");
+        /// Treatment of times after the end of the animation.
+        after_end: AfterEnd = AfterEnd::Refuse, other("Hold"), inert("needs `clip`");
     }
 }
 engine::inputs! {
@@ -43,13 +55,24 @@ engine::outputs! {
     }
 }
 
+impl LoadObject {
+    /// A file, and the default of every other parameter.
+    pub fn of(path: InputFile) -> Self {
+        Self { path, scene: None, clip: None, time_s: 0.0, after_end: AfterEnd::Refuse }
+    }
+}
+
 impl Kind for LoadObject {
     const NAME: &'static str = "load-object";
-    const VERSION: u32 = 7;
+    const VERSION: u32 = 8;
     const STORE: Keep = Keep::Cheap;
     type Params = Self;
     type In = In;
     type Out = Out;
+
+    fn check(p: &Self) -> Result<(), NodeError> {
+        check_clip(p.clip.as_deref(), p.time_s)
+    }
 
     fn sources(p: &Self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
         sources(&p.path, root)
@@ -71,8 +94,9 @@ impl Kind for LoadObject {
     fn run(p: &Self, _inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
         let mut notes = Notes::none();
         let bytes = cx.read(&p.path).map_err(|e| e.at("path"))?;
-        let mut object =
-            object(&p.path, &bytes, Want::Everything, p.scene, cx, &mut notes).map_err(|e| e.at("path"))?;
+        let moment = p.clip.as_deref().map(|clip| Moment { clip, seconds: p.time_s, after_end: p.after_end });
+        let mut object = object(&p.path, &bytes, Want::Everything, (p.scene, moment), cx, &mut notes)
+            .map_err(|e| e.at("path"))?;
         inward::turn(&mut object.primitives, &object.materials, cx, &mut notes)?;
         let triangles: usize = object.primitives.iter().map(|part| part.triangles.len()).sum();
         cx.count("triangles", triangles as u64);

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use engine::{Context, InputFile, Kind, Notes, Scene, Up};
-use nodes::kinds::load_cameras::{self, Distortion, LoadCameras};
+use nodes::kinds::load_cameras::{self, LoadCameras};
 use nodes::kinds::load_environment::{self, LoadEnvironment};
 use nodes::kinds::load_mesh::{self, ColourEncoding, LoadMesh, MeshFrame};
 use nodes::kinds::load_object::{self, LoadObject};
@@ -86,7 +86,7 @@ impl Data {
 
     /// The default scene of a glTF file.
     pub fn object(&self, path: &str) -> (Arc<Object>, Notes) {
-        let params = LoadObject { path: InputFile(path.to_owned()), scene: None };
+        let params = LoadObject::of(InputFile(path.to_owned()));
         let (out, notes) = LoadObject::run(&params, load_object::In {}, &self.context()).unwrap();
         (out.object, notes)
     }
@@ -107,15 +107,9 @@ impl Data {
     /// Cameras from the list `list` in a file: all of them if `pick` is empty, otherwise those whose names match an
     /// entry of `pick`.
     pub fn cameras(&self, path: &str, list: &str, pick: &[&str]) -> Arc<Rig> {
-        let params = LoadCameras {
-            path: InputFile(path.to_owned()),
-            pick: pick.iter().map(|name| load_cameras::Pick::from(*name)).collect(),
-            list: list.to_owned(),
-            resolution: 1.0,
-            distortion: Distortion::Refuse,
-            dataparser: None,
-            matrix: None,
-        };
+        let pick = pick.iter().map(|name| load_cameras::Pick::from(*name)).collect();
+        let params =
+            LoadCameras { pick, list: list.to_owned(), ..LoadCameras::of(InputFile(path.to_owned())) };
         LoadCameras::run(&params, load_cameras::In {}, &self.context()).unwrap().0.rig
     }
 }

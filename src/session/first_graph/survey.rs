@@ -139,7 +139,7 @@ impl Survey {
     pub fn on(standing: Standing, files: &Files<'_>, wanted: Option<Wanted>) -> Result<Self, NodeError> {
         let (up, stand, cameras) = (standing.up, &standing.stand, standing.cameras.as_deref());
         let cx = splats::context(up);
-        let params = LoadObject { path: InputFile(files.object.display().to_string()), scene: None };
+        let params = LoadObject::of(InputFile(files.object.display().to_string()));
         let object = LoadObject::run(&params, load_object::In {}, &cx)?.0.object;
         let extents = Extents::of(&object)
             .ok_or_else(|| NodeError::new(format!("`{}` has no triangles", files.object.display())))?;

@@ -2,15 +2,16 @@
 
 mod accessor;
 pub(crate) mod address;
+pub(crate) mod animation;
 mod container;
+mod document;
 mod file;
 pub(crate) mod object;
 pub(crate) mod specular_glossiness;
 
 use std::collections::BTreeSet;
 
-use gltf::Document;
-use serde_json::{Value, json};
+use serde_json::Value;
 
 use super::foreign::{json_text, refuse_foreign, refuse_placeholder};
 use super::mesh_format;
@@ -19,6 +20,7 @@ use super::{jpeg, png, webp};
 use crate::error::Error;
 use address::{inline, path};
 use container::split;
+use document::{document, repair};
 
 pub use accessor::Numbers;
 pub use container::{json_in, json_of};
@@ -106,46 +108,8 @@ pub fn parse(name: &str, bytes: &[u8]) -> Result<File, Error> {
     }
     check_accessors(name, &json)?;
     specular_glossiness::replace(&mut json);
-    if let Some(top) = json.as_object_mut() {
-        // Checked above; the crate knows fewer of them.
-        top.remove("extensionsRequired");
-    }
-    // A scene may be empty, which the crate does not support.
-    for scene in json.get_mut("scenes").and_then(Value::as_array_mut).into_iter().flatten() {
-        if let Some(scene) = scene.as_object_mut() {
-            scene.entry("nodes").or_insert_with(|| Value::Array(Vec::new()));
-        }
-    }
-    // A texture may have its picture in the extension alone, which the crate does not support.
-    for texture in json.get_mut("textures").and_then(Value::as_array_mut).into_iter().flatten() {
-        let webp = texture["extensions"]["EXT_texture_webp"]["source"].clone();
-        if let Some(texture) = texture.as_object_mut().filter(|texture| !texture.contains_key("source")) {
-            texture.insert("source".to_owned(), webp);
-        }
-    }
-    let views = json["bufferViews"].as_array().is_some_and(|views| !views.is_empty());
-    for accessor in json.get_mut("accessors").and_then(Value::as_array_mut).into_iter().flatten() {
-        if let Some(accessor) = accessor.as_object_mut() {
-            // Bounds of positions, which the crate requires, are often missing and never needed.
-            for bound in ["min", "max"] {
-                accessor.entry(bound).or_insert_with(|| Value::from(vec![0.0; 3]));
-            }
-            // An accessor without data and sparse values is all 0 (glTF 2.0, 3.6.2.3), which the crate treats as an
-            // error.
-            if views && !accessor.contains_key("bufferView") {
-                accessor.entry("sparse").or_insert_with(|| {
-                    json!({"count": 0, "indices": {"bufferView": 0, "componentType": 5125}, "values": {"bufferView": 0}})
-                });
-            }
-        }
-    }
-    let invalid = |text: String| {
-        let text = text.trim().trim_end_matches(';').trim_start_matches("invalid glTF: ");
-        Error::format(name, format!("not valid glTF: {text}"))
-    };
-    let text = serde_json::to_vec(&json).map_err(|e| Error::format(name, e.to_string()))?;
-    let root = gltf::json::deserialize::from_slice(&text).map_err(|e| invalid(e.to_string()))?;
-    let document = Document::from_json(root).map_err(|e| invalid(e.to_string()))?;
+    repair(&mut json);
+    let document = document(name, &mut json)?;
     Ok(File { name: name.to_owned(), document, json, blob })
 }
 

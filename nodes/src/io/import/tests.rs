@@ -17,7 +17,7 @@ fn object(files: &[(&str, &[u8])]) -> Result<(Object, Notes, usize), NodeError> 
         path.parent().map(std::fs::create_dir_all).transpose().unwrap_or_else(|e| panic!("{e}"));
         std::fs::write(path, bytes).unwrap_or_else(|e| panic!("{e}"));
     }
-    let p = LoadObject { path: InputFile(files[0].0.to_owned()), scene: None };
+    let p = LoadObject::of(InputFile(files[0].0.to_owned()));
     let sources = LoadObject::sources(&p, &SourceRoot::new(folder.path()))?;
     let scene = Scene { up: Up::PlusY, metres_per_unit: 1.0, seed: 0, exhaustive: false };
     let cx = Context::detached(scene, folder.path());

@@ -304,7 +304,7 @@ pub fn binary(file: &str, cameras: &[u8], images: &[u8]) -> Result<Vec<Raw>, Err
         let (id, model) = (from.u32()?, from.u32()? as usize);
         let (width, height) = (from.u64()?, from.u64()?);
         let (name, count) = MODELS.get(model).ok_or_else(|| {
-            let what = format!("camera {id} has the camera model with the number {model}, which is unknown");
+            let what = format!("camera {id} uses camera model number {model}, which is unknown");
             Error::unsupported(file, what)
         })?;
         let params = (0..*count).map(|_| from.f64()).collect::<Result<Vec<_>, _>>()?;

@@ -1,10 +1,12 @@
 //! Cameras of a glTF file, which Blender writes next to the objects.
 
-use engine::{Context, Notes};
+use engine::{Context, NodeError, Notes};
 use glam::{DMat3, DMat4, DVec3};
 
+use super::LoadCameras;
 use super::raw::Raw;
 use crate::error::Error;
+use crate::io::gltf::animation::Moment;
 use crate::io::gltf::{self, object::local};
 use crate::math::num;
 use crate::types::frame::world_from_gltf;
@@ -16,8 +18,14 @@ const ASPECT: f64 = 16.0 / 9.0;
 
 /// Reads the perspective cameras of the scene, in the order of its nodes, and converts them from the frame of glTF
 /// (y up, metres) to the world of the graph.
-pub fn read(file: &str, bytes: &[u8], cx: &Context, notes: &mut Notes) -> Result<Vec<Raw>, Error> {
-    let parsed = gltf::parse(file, bytes)?;
+pub fn read(p: &LoadCameras, bytes: &[u8], cx: &Context, notes: &mut Notes) -> Result<Vec<Raw>, NodeError> {
+    let file = &p.path.0;
+    let mut parsed = gltf::parse(file, bytes)?;
+    if let Some(clip) = p.clip.as_deref() {
+        let buffers = parsed.buffers(|name| cx.read_sibling(&p.path, name))?;
+        let moment = Moment { clip, seconds: p.time_s, after_end: p.after_end };
+        parsed.pose(&moment, &buffers, notes)?;
+    }
     let document = &parsed.document;
     let scene = document.default_scene().or_else(|| document.scenes().next());
     let world = world_from_gltf(cx.up(), cx.metres_per_unit());
@@ -30,7 +38,8 @@ pub fn read(file: &str, bytes: &[u8], cx: &Context, notes: &mut Notes) -> Result
             return Err(Error::format(
                 file,
                 "a node appears twice in the hierarchy; the nodes of a glTF scene must form trees",
-            ));
+            )
+            .into());
         }
         let matrix = above * local(&node.transform());
         let children: Vec<_> = node.children().map(|child| (child, matrix)).collect();
@@ -51,7 +60,8 @@ pub fn read(file: &str, bytes: &[u8], cx: &Context, notes: &mut Notes) -> Result
             return Err(Error::format(
                 file,
                 format!("camera `{name}` has no usable `yfov` or `aspectRatio`"),
-            ));
+            )
+            .into());
         }
         // Scaled nodes and the units of the world scale the matrix, but the pose of a camera has no scale.
         let linear = DMat3::from_mat4(matrix);

@@ -22,6 +22,8 @@ use glam::{DMat3, DMat4};
 
 use crate::error::Error;
 use crate::io::foreign::refuse_placeholder;
+use crate::io::gltf::animation::{AfterEnd, check_clip};
+use crate::io::gltf::{Want, json_of, parse};
 use crate::types::frame::Similarity;
 use crate::types::pick::{chosen, count_of, stem};
 use crate::types::{Camera, Rig};
@@ -57,7 +59,8 @@ engine::params! {
     ///   of its picture.
     /// - `cameras.json` of INRIA.
     /// - The perspective cameras of a glTF or GLB scene. They are converted from the glTF frame (y up, metres) to
-    ///   the world in the same way as objects. Their pictures are 1080 * `resolution` pixels high.
+    ///   the world in the same way as objects. Their pictures are 1080 * `resolution` pixels high. With `clip`, an
+    ///   animation of the file places them.
     ///
     /// Pixel centres are at +0.5 in all formats. Lens distortion that moves no point of the picture by more than a
     /// twentieth of a pixel is ignored. A view is named after its picture, without folder and extension. If several
@@ -85,6 +88,13 @@ engine::params! {
         /// Rotation, uniform scale and translation of the cameras: a 4x4 matrix in row-major order, as in
         /// `load-splats`.
         matrix: Option<[f64; 16]> = None, other("Some((0.0, -1.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0))");
+        /// Name of the animation of a glTF file that places its cameras. An animation without a name is named by its
+        /// index, such as `"0"`. If not given, the cameras are placed as stored in the file.
+        clip: Option<String> = None, other("Some(\"CameraAction\")"), inert("most files have no animation");
+        /// Time in the animation. Before its first key, the animation has the pose of this key.
+        time_s: f64 = 0.0, range(0, 86400), unit("s"), other("0.5"), inert("needs `clip`");
+        /// Treatment of times after the end of the animation.
+        after_end: AfterEnd = AfterEnd::Refuse, other("Hold"), inert("needs `clip`");
     }
 }
 engine::inputs! {
@@ -99,6 +109,24 @@ engine::outputs! {
     }
 }
 
+impl LoadCameras {
+    /// A file, and the default of every other parameter.
+    pub fn of(path: InputFile) -> Self {
+        Self {
+            path,
+            pick: Vec::new(),
+            list: "views".to_owned(),
+            resolution: 1.0,
+            distortion: Distortion::Refuse,
+            dataparser: None,
+            matrix: None,
+            clip: None,
+            time_s: 0.0,
+            after_end: AfterEnd::Refuse,
+        }
+    }
+}
+
 impl Kind for LoadCameras {
     const NAME: &'static str = "load-cameras";
     const VERSION: u32 = 6;
@@ -110,6 +138,10 @@ impl Kind for LoadCameras {
     type Out = Out;
 
     fn check(p: &Self) -> Result<(), NodeError> {
+        check_clip(p.clip.as_deref(), p.time_s)?;
+        if p.clip.is_some() && !is_gltf(&p.path) {
+            return Err(NodeError::new("only the cameras of a glTF file are animated").at("clip"));
+        }
         Similarity::of_parameter(p.matrix.as_ref()).map(|_| ())
     }
 
@@ -117,7 +149,7 @@ impl Kind for LoadCameras {
         let mut sources = if let Some(json) = json_file(&p.path, root) {
             with_pictures(root.file(&json), root)
         } else if is_gltf(&p.path) {
-            vec![root.file(&p.path)]
+            gltf_sources(p, root)?
         } else {
             files(&p.path, root)?.iter().map(|file| root.file(file)).collect()
         };
@@ -260,6 +292,20 @@ fn read(p: &LoadCameras, cx: &Context, notes: &mut Notes) -> Result<Vec<Raw>, No
     Ok(cameras)
 }
 
+/// The glTF file, and the files of its buffers if the cameras are animated.
+fn gltf_sources(p: &LoadCameras, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
+    let file = root.file(&p.path);
+    let mut sources = vec![file.clone()];
+    // A GLB file seldom refers to others; what is wrong with its JSON is reported when the node runs.
+    if p.clip.is_some()
+        && let Ok(Some((json, _))) = json_of(&file.path)
+        && let Ok(names) = parse(&p.path.0, &json).and_then(|parsed| parsed.other_files(Want::Geometry))
+    {
+        sources.extend(names.iter().map(|name| root.sibling(&file, name)));
+    }
+    Ok(sources)
+}
+
 /// Reads the cameras of the file. Also returns the bytes of the file if it is JSON.
 fn read_file(
     p: &LoadCameras,
@@ -268,7 +314,7 @@ fn read_file(
 ) -> Result<(Vec<Raw>, Option<Vec<u8>>), NodeError> {
     let name = &p.path.0;
     if is_gltf(&p.path) {
-        return Ok((gltf::read(name, &cx.read(&p.path)?, cx, notes)?, None));
+        return Ok((gltf::read(p, &cx.read(&p.path)?, cx, notes)?, None));
     }
     if let Some(file) = json_file(&p.path, cx.root()) {
         let source = cx.source(&file);

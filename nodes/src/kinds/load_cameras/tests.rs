@@ -8,15 +8,7 @@ use engine::{Scene, Up};
 use glam::DVec3;
 
 fn node(path: &str) -> LoadCameras {
-    LoadCameras {
-        path: InputFile(path.into()),
-        pick: Vec::new(),
-        list: "views".into(),
-        resolution: 1.0,
-        distortion: Distortion::Refuse,
-        dataparser: None,
-        matrix: None,
-    }
+    LoadCameras::of(InputFile(path.into()))
 }
 
 fn load(files: &[(&str, &[u8])], p: &LoadCameras) -> Result<(Vec<Camera>, Notes), NodeError> {
@@ -290,6 +282,25 @@ fn cameras_of_gltf_come_into_the_world_as_objects_do() {
     let camera = LoadCameras::run(&p, In {}, &cx).unwrap_or_else(|e| panic!("{e}")).0.rig.cameras[0].clone();
     assert!((camera.eye() - DVec3::new(7.0, 2.0, 4.0)).length() < 1e-9);
     assert!((camera.direction(camera.cx, camera.cy) - DVec3::NEG_Y).length() < 1e-9);
+    // The keys are in a file next to the model: from (1, 2, 3) to (5, 2, 3) in two seconds.
+    let keys: Vec<u8> =
+        [0.0_f32, 2.0, 1.0, 2.0, 3.0, 5.0, 2.0, 3.0].iter().flat_map(|value| value.to_le_bytes()).collect();
+    std::fs::write(folder.path().join("keys.bin"), keys).unwrap_or_else(|e| panic!("{e}"));
+    let animation = r#""buffers": [{"uri": "keys.bin", "byteLength": 32}],
+        "bufferViews": [{"buffer": 0, "byteLength": 8}, {"buffer": 0, "byteOffset": 8, "byteLength": 24}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 2, "type": "SCALAR"},
+                      {"bufferView": 1, "componentType": 5126, "count": 2, "type": "VEC3"}],
+        "animations": [{"name": "move", "samplers": [{"input": 0, "output": 1}],
+                        "channels": [{"sampler": 0, "target": {"node": 0, "path": "translation"}}]}], "cameras""#;
+    let moving = json.replacen("\"cameras\"", animation, 1);
+    std::fs::write(folder.path().join("a.gltf"), moving).unwrap_or_else(|e| panic!("{e}"));
+    let p = LoadCameras { clip: Some("move".into()), time_s: 0.5, ..node("a.gltf") };
+    let sources = LoadCameras::sources(&p, &SourceRoot::new(folder.path())).unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!(sources.len(), 2);
+    let camera = LoadCameras::run(&p, In {}, &cx).unwrap_or_else(|e| panic!("{e}")).0.rig.cameras[0].clone();
+    assert!((camera.eye() - DVec3::new(4.0, -6.0, 4.0)).length() < 1e-9);
+    let text = LoadCameras { clip: Some("move".into()), ..node("a.json") };
+    assert!(LoadCameras::check(&text).is_err() && LoadCameras::check(&p).is_ok());
 }
 
 // Some exporters write tabs or two spaces between words. An earlier version refused them as "not understood".

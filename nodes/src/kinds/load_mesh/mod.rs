@@ -170,7 +170,7 @@ fn is_gltf(path: &InputFile) -> bool {
 }
 
 fn from_gltf(p: &LoadMesh, bytes: &[u8], cx: &Context, notes: &mut Notes) -> Result<RawMesh, NodeError> {
-    let object = object::object(&p.path, bytes, gltf::Want::Geometry, None, cx, notes)?;
+    let object = object::object(&p.path, bytes, gltf::Want::Geometry, (None, None), cx, notes)?;
     // Vertex colours of OBJ are display colours, as those of PLY.
     let by_trimesh = Foreign::of(&p.path.0).is_some()
         || gltf::parse(&p.path.0, bytes)?.json["asset"]["generator"].to_string().contains("trimesh");

@@ -91,16 +91,11 @@ impl<'a> Materials<'a> {
 
     /// Reports unsupported content outside materials. Lights are reported only if a node has one.
     fn report_others(&self, notes: &mut Notes) {
-        for (what, instead) in
-            [("animations", "all parts are placed by their nodes"), ("cameras", "the graph defines its own")]
-        {
-            let held = self.json[what].as_array().map_or(0, Vec::len);
-            if held > 0 {
-                notes.decision(
-                    "not-shown",
-                    format!("the {what} of the file are left out (number: {held}): {instead}"),
-                );
-            }
+        let cameras = self.json["cameras"].as_array().map_or(0, Vec::len);
+        if cameras > 0 {
+            let text =
+                format!("the cameras of the file are left out (count: {cameras}): the graph defines its own");
+            notes.decision("not-shown", text);
         }
         let lamps = self.json["nodes"].as_array().into_iter().flatten();
         let lamps = lamps.filter(|node| node["extensions"].get("KHR_lights_punctual").is_some()).count();
@@ -431,17 +426,13 @@ mod tests {
     }
 
     #[test]
-    fn animations_and_cameras_are_named() {
-        let json = json!({"animations": [{}, {}], "cameras": [{}]});
+    fn cameras_are_reported() {
+        let json = json!({"cameras": [{}]});
         let mut notes = Notes::none();
         assert!(Materials::new("a", &json).read(&mut notes).is_ok());
         let reported: Vec<_> = notes.iter().map(|n| n.text.clone()).collect();
-        assert!(
-            reported[0].starts_with("the animations of the file are left out (number: 2)")
-                && reported[1].starts_with("the cameras of the file are left out (number: 1)"),
-            "{reported:?}"
-        );
-        assert_eq!(reported.len(), 2);
+        assert!(reported[0].starts_with("the cameras of the file are left out (count: 1)"), "{reported:?}");
+        assert_eq!(reported.len(), 1);
     }
 
     #[test]

@@ -15,6 +15,7 @@ use engine::{Context, InputFile, NodeError, Notes, SourceFile, SourceRoot};
 
 use self::geometry::Geometry;
 use self::material::{Materials, Picture};
+use super::animation::{self, Moment};
 use super::{Want, json_of, parse};
 use crate::io::import::{self, Foreign};
 use crate::io::png::Raster;
@@ -43,12 +44,13 @@ pub(crate) fn sources(path: &InputFile, root: &SourceRoot) -> Result<Vec<SourceF
     Ok(sources)
 }
 
-/// Reads an object from the bytes of its file.
+/// Reads an object from the bytes of its file. With a moment, its parts are placed by that animation, and as stored
+/// in the file otherwise.
 pub(crate) fn object(
     path: &InputFile,
     bytes: &[u8],
     want: Want,
-    scene: Option<u32>,
+    (scene, moment): (Option<u32>, Option<Moment<'_>>),
     cx: &Context,
     notes: &mut Notes,
 ) -> Result<Object, NodeError> {
@@ -57,8 +59,18 @@ pub(crate) fn object(
     if let Some(foreign) = Foreign::of(name).filter(|_| want == Want::Everything) {
         foreign.tell_frame(notes);
     }
-    let file = parse(name, bytes)?;
+    let mut file = parse(name, bytes)?;
     let buffers = file.buffers(|name| cx.read_sibling(path, name))?;
+    let clips = animation::names(&file.json);
+    if let Some(moment) = &moment {
+        file.pose(moment, &buffers, notes)?;
+    } else if want == Want::Everything && !clips.is_empty() {
+        let clips = animation::listed(&clips);
+        let text = format!(
+            "the file has the animations {clips}, which are not played: set `clip` to play one of them"
+        );
+        notes.decision("not-shown", text);
+    }
     let mut reader = Materials::new(name, &file.json);
     let mut unheard = Notes::none();
     let shown = if want == Want::Everything { &mut *notes } else { &mut unheard };

@@ -12,7 +12,7 @@ fn load_bytes(bytes: &[u8], scene: Option<u32>) -> Result<(Object, Notes), NodeE
         Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false }, ".");
     let mut notes = Notes::none();
     let path = InputFile("a.gltf".to_owned());
-    object(&path, bytes, Want::Everything, scene, &cx, &mut notes).map(|object| (object, notes))
+    object(&path, bytes, Want::Everything, (scene, None), &cx, &mut notes).map(|object| (object, notes))
 }
 
 fn base64(bytes: &[u8]) -> String {
@@ -336,7 +336,8 @@ fn foreign_buffers_and_textures_are_named() {
     json["buffers"][0]["uri"] = json!("a.bin");
     let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false };
     let (cx, path) = (Context::detached(scene, folder.path()), InputFile("a.gltf".to_owned()));
-    let read = object(&path, json.to_string().as_bytes(), Want::Everything, None, &cx, &mut Notes::none());
+    let read =
+        object(&path, json.to_string().as_bytes(), Want::Everything, (None, None), &cx, &mut Notes::none());
     let text = read.err().map(|e| e.to_string()).unwrap_or_default();
     assert!(text.contains("a.bin") && text.contains("git lfs pull"), "{text}");
 }

@@ -57,7 +57,7 @@ fn new_models_of_colmap_are_named() {
         (15, 4, "(FISHEYE"),
         (16, 6, "(EUCM"),
         (17, 2, "`EQUIRECTANGULAR`"),
-        (18, 2, "camera 7 has the camera model with the number 18, which is unknown"),
+        (18, 2, "camera 7 uses camera model number 18, which is unknown"),
     ] {
         let mut cameras = cameras[..32].to_vec();
         cameras[12..16].copy_from_slice(&number.to_le_bytes());
