@@ -18,6 +18,16 @@ pub struct Config {
     pub write: bool,
     /// True to fail if the server cannot be reached.
     pub no_fallback: bool,
+    /// File with the certificates of the authorities that sign the certificate of the server, in PEM. Without it,
+    /// the authorities of the operating system count. This path and the following ones are relative to the folder of
+    /// the settings.
+    pub authorities: Option<String>,
+    /// File with the certificate of the client, in PEM, for servers that require one.
+    pub certificate: Option<String>,
+    /// File with the private key of `certificate`, in PEM.
+    pub private_key: Option<String>,
+    /// File with the token that is sent with each call.
+    pub token: Option<String>,
 }
 
 impl Config {
@@ -52,7 +62,7 @@ mod tests {
         assert_eq!(Config::read(&path).expect("no file"), Config::default());
         std::fs::write(&path, "Remote(address: \"grpc://a:1\", write: true)").expect("writes");
         let read = Config::read(&path).expect("settings");
-        assert_eq!(read, Config { address: Some("grpc://a:1".to_owned()), write: true, no_fallback: false });
+        assert_eq!(read, Config { address: Some("grpc://a:1".to_owned()), write: true, ..Config::default() });
         std::fs::write(&path, "Remote(\n    adress: \"grpc://a:1\",\n)").expect("writes");
         let error = Config::read(&path).expect_err("a wrong field").to_string();
         assert!(error.contains("line 2") && error.contains("adress"), "{error}");

@@ -7,6 +7,7 @@
 //! result that the server or another user has changed is detected.
 
 mod config;
+mod credentials;
 mod public_key;
 pub mod reapi;
 mod secret_key;
@@ -17,6 +18,7 @@ mod trust_error;
 mod trusted_keys;
 
 pub use config::Config;
+pub use credentials::Credentials;
 pub use public_key::PublicKey;
 pub use secret_key::SecretKey;
 pub use trust_error::TrustError;

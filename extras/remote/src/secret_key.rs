@@ -1,13 +1,14 @@
 //! Secret keys, which sign results.
 
-use std::fs::{File, OpenOptions};
-use std::io::{ErrorKind, Read, Write};
+use std::fs::OpenOptions;
+use std::io::{ErrorKind, Write};
 use std::path::Path;
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use ed25519_dalek::{Signer, SigningKey};
 
+use crate::credentials;
 use crate::public_key::{PublicKey, is_name};
 use crate::trust_error::TrustError;
 
@@ -61,16 +62,7 @@ impl SecretKey {
     /// # Errors
     /// If the file cannot be read or is not a key, or if other users have access to it.
     pub fn read(path: &Path) -> Result<Self, TrustError> {
-        let file = File::open(path).map_err(TrustError::io("open", path))?;
-        #[cfg(unix)]
-        {
-            let metadata = file.metadata().map_err(TrustError::io("read", path))?;
-            if std::os::unix::fs::PermissionsExt::mode(&metadata.permissions()) & 0o077 != 0 {
-                return Err(TrustError::Permissions { path: path.to_owned() });
-            }
-        }
-        let mut text = String::new();
-        file.take(LONGEST).read_to_string(&mut text).map_err(TrustError::io("read", path))?;
+        let text = credentials::text(path, LONGEST, true)?;
         // The message must not contain the text.
         let wrong = || TrustError::Line {
             path: path.to_owned(),

@@ -22,12 +22,18 @@ pub enum TrustError {
     /// A file already exists, and a key is never overwritten.
     #[error("`{}` already exists; a key is never overwritten", .0.display())]
     Exists(PathBuf),
-    /// Other users of the machine can read a secret key.
-    #[error("other users can read the secret key in `{0}`, or write to the file; run `chmod 600 {0}`", .path.display())]
+    /// Other users of the machine can read a secret.
+    #[error("other users can read the secret in `{0}`, or write to the file; run `chmod 600 {0}`", .path.display())]
     Permissions {
         /// The file.
         path: PathBuf,
     },
+    /// The settings name a certificate without its private key, or the reverse.
+    #[error("`certificate` and `private_key` are used together, but `{0}` is missing in `remote.ron`")]
+    Incomplete(&'static str),
+    /// A token is empty or has characters that cannot be sent.
+    #[error("the token for the server must be one word of printable ASCII characters")]
+    Token,
     /// A line of a file is not valid.
     #[error("`{}`, line {line}: {why}", .path.display())]
     Line {

@@ -7,13 +7,15 @@ use std::sync::atomic::AtomicBool;
 use clap::Args;
 use engine::{Engine, Event, bytes_text};
 use remote::reapi::{Retry, SharedCache, SharedCacheOptions, Traffic};
-use remote::{Config, SecretKey, TrustedKeys};
+use remote::{Config, Credentials, SecretKey, TrustedKeys};
 use serde_json::{Value, json};
 
 use super::error::Error;
 
 /// Environment variable with the address of the server.
 const VARIABLE: &str = "LIGHTHARMONY_REMOTE";
+/// Environment variable with the token for the server.
+const TOKEN: &str = "LIGHTHARMONY_REMOTE_TOKEN";
 
 /// Options for results that are shared through a server.
 #[derive(Debug, Clone, Args)]
@@ -45,8 +47,9 @@ impl RemoteArgs {
         cancel: &AtomicBool,
         mut show: impl FnMut(&Event),
     ) -> Result<(Engine, Option<Remote>), Error> {
-        let config = Config::read(&config_file("remote.ron")?)?;
-        let named = self.remote.clone().or_else(|| std::env::var(VARIABLE).ok()).or(config.address);
+        let file = config_file("remote.ron")?;
+        let config = Config::read(&file)?;
+        let named = self.remote.clone().or_else(|| std::env::var(VARIABLE).ok()).or(config.address.clone());
         let Some(address) = named.filter(|address| !matches!(address.as_str(), "" | "none")) else {
             if self.remote_write || self.no_remote_fallback {
                 let option = if self.remote_write { "--remote-write" } else { "--no-remote-fallback" };
@@ -57,6 +60,11 @@ impl RemoteArgs {
         let fallback = !(self.no_remote_fallback || config.no_fallback);
         let options = SharedCacheOptions {
             address: address.parse().map_err(|error| Error::usage(format!("{error}")))?,
+            credentials: Credentials::read(
+                &config,
+                file.parent().unwrap_or(&file),
+                std::env::var(TOKEN).ok(),
+            )?,
             trusted: TrustedKeys::read(&config_file("trusted-keys")?)?,
             publish_as: (self.remote_write || config.write).then(secret_key).transpose()?,
             fallback,

@@ -3,9 +3,12 @@
 use std::fmt;
 use std::str::FromStr;
 
-/// The address of a server: `grpc://HOST:PORT` or `grpc://HOST:PORT/INSTANCE`.
+/// The address of a server: `grpc://HOST:PORT`, with an encrypted connection `grpcs://HOST:PORT`, and for servers with
+/// several instances with `/INSTANCE` at the end.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Address {
+    /// True if the connection is encrypted.
+    pub encrypted: bool,
     /// Host and port, such as `127.0.0.1:8980` or `[::1]:8980`.
     pub authority: String,
     /// Name of the instance on the server; empty for servers with one instance.
@@ -15,14 +18,10 @@ pub struct Address {
 /// A text that is not the address of a server.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum AddressError {
-    /// The connection would be encrypted.
+    /// The text has another form.
     #[error(
-        "`{0}`: encrypted connections are not supported; use an encrypted tunnel and `grpc://127.0.0.1:PORT`"
-    )]
-    Encrypted(String),
-    /// Any other mistake.
-    #[error(
-        "`{0}` is not the address of a server; write `grpc://HOST:PORT`, such as `grpc://127.0.0.1:8980`"
+        "`{0}` is not the address of a server; write `grpc://HOST:PORT`, such as `grpc://127.0.0.1:8980`, or \
+         `grpcs://HOST:PORT` for an encrypted connection"
     )]
     Form(String),
 }
@@ -30,14 +29,21 @@ pub enum AddressError {
 impl Address {
     /// The address in the form that HTTP clients use.
     pub(crate) fn http(&self) -> String {
-        format!("http://{}", self.authority)
+        format!("http{}://{}", if self.encrypted { "s" } else { "" }, self.authority)
+    }
+
+    /// True if the server runs on this machine.
+    pub(crate) fn is_local(&self) -> bool {
+        let host = self.authority.rsplit_once(':').map_or("", |(host, _)| host);
+        host == "localhost" || host == "[::1]" || host.starts_with("127.")
     }
 }
 
 impl fmt::Display for Address {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let slash = if self.instance.is_empty() { "" } else { "/" };
-        write!(f, "grpc://{}{slash}{}", self.authority, self.instance)
+        let scheme = if self.encrypted { "grpcs" } else { "grpc" };
+        write!(f, "{scheme}://{}{slash}{}", self.authority, self.instance)
     }
 }
 
@@ -46,10 +52,9 @@ impl FromStr for Address {
 
     fn from_str(text: &str) -> Result<Self, AddressError> {
         let wrong = || AddressError::Form(text.to_owned());
-        if text.starts_with("grpcs://") {
-            return Err(AddressError::Encrypted(text.to_owned()));
-        }
-        let rest = text.strip_prefix("grpc://").ok_or_else(wrong)?;
+        let encrypted = text.starts_with("grpcs://");
+        let rest =
+            text.strip_prefix("grpcs://").or_else(|| text.strip_prefix("grpc://")).ok_or_else(wrong)?;
         let (authority, instance) = rest.split_once('/').unwrap_or((rest, ""));
         let (host, port) = authority.rsplit_once(':').ok_or_else(wrong)?;
         let is_host = if let Some(inside) = host.strip_prefix('[').and_then(|host| host.strip_suffix(']')) {
@@ -68,7 +73,7 @@ impl FromStr for Address {
         if !(is_host && is_port && is_instance) {
             return Err(wrong());
         }
-        Ok(Self { authority: authority.to_owned(), instance: instance.to_owned() })
+        Ok(Self { encrypted, authority: authority.to_owned(), instance: instance.to_owned() })
     }
 }
 
@@ -82,9 +87,11 @@ mod tests {
             ("grpc://127.0.0.1:8980", "127.0.0.1:8980", ""),
             ("grpc://cache.farm:1/", "cache.farm:1", ""),
             ("grpc://[::1]:8980/main/b", "[::1]:8980", "main/b"),
+            ("grpcs://cache.farm:443/main", "cache.farm:443", "main"),
         ] {
             let address: Address = text.parse().expect("an address");
             assert_eq!((address.authority.as_str(), address.instance.as_str()), (authority, instance));
+            assert_eq!(address.encrypted, text.starts_with("grpcs"));
             assert_eq!(address.to_string().parse(), Ok(address));
         }
         for text in [
@@ -103,6 +110,11 @@ mod tests {
         ] {
             assert_eq!(text.parse::<Address>(), Err(AddressError::Form(text.to_owned())), "{text}");
         }
-        assert!(matches!("grpcs://host:80".parse::<Address>(), Err(AddressError::Encrypted(_))));
+        for (text, is_local) in
+            [("127.0.0.1", true), ("localhost", true), ("[::1]", true), ("128.0.0.1", false), ("host", false)]
+        {
+            let address: Address = format!("grpc://{text}:80").parse().expect("an address");
+            assert_eq!(address.is_local(), is_local, "{text}");
+        }
     }
 }

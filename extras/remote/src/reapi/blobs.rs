@@ -13,6 +13,7 @@ use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Code, Status};
 
 use super::call_error::CallError;
+use super::connection::Calls;
 use super::server::Server;
 
 /// Size of the pieces of a stream, in bytes.
@@ -172,11 +173,7 @@ impl Server {
         }
     }
 
-    async fn read_batch(
-        &self,
-        channel: tonic::transport::Channel,
-        digest: &api::Digest,
-    ) -> Result<Vec<u8>, Status> {
+    async fn read_batch(&self, channel: Calls, digest: &api::Digest) -> Result<Vec<u8>, Status> {
         let request = api::BatchReadBlobsRequest {
             instance_name: self.instance(),
             digests: vec![digest.clone()],
@@ -194,7 +191,7 @@ impl Server {
 
     async fn read_stream(
         &self,
-        channel: tonic::transport::Channel,
+        channel: Calls,
         digest: &api::Digest,
         size: u64,
         bytes: &Mutex<Vec<u8>>,

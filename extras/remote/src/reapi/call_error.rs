@@ -48,7 +48,15 @@ impl CallError {
     pub(crate) fn of(what: &'static str, status: &Status) -> Self {
         let message =
             if status.message().is_empty() { status.code().description() } else { status.message() };
-        let why = message.to_owned();
+        // The first cause, such as a certificate that is not valid, is the most useful part of a failed connection.
+        let mut cause = std::error::Error::source(status);
+        while let Some(next) = cause.and_then(std::error::Error::source) {
+            cause = Some(next);
+        }
+        let why = match cause.map(ToString::to_string).filter(|cause| cause != message) {
+            Some(cause) => format!("{message} ({cause})"),
+            None => message.to_owned(),
+        };
         match status.code() {
             Code::NotFound => Self::NotFound,
             Code::PermissionDenied | Code::Unauthenticated | Code::Unimplemented => {

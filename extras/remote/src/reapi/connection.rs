@@ -4,12 +4,16 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use tokio::runtime::{Builder, Runtime};
-use tonic::transport::{Channel, Endpoint};
-use tonic::{Code, Status};
+use tonic::metadata::{Ascii, MetadataValue};
+use tonic::service::Interceptor;
+use tonic::service::interceptor::InterceptedService;
+use tonic::transport::{Certificate, Channel, ClientTlsConfig, Endpoint, Identity};
+use tonic::{Code, Request, Status};
 
 use super::address::Address;
 use super::call_error::{CallError, is_passing};
 use super::retry::Retry;
+use crate::credentials::Credentials;
 
 /// Interval at which a waiting call checks whether the run was cancelled.
 const LOOK: Duration = Duration::from_millis(20);
@@ -18,16 +22,65 @@ const OPENING: Duration = Duration::from_secs(5);
 /// Interval at which an open but silent connection is tested.
 const ALIVE: Duration = Duration::from_secs(20);
 
+/// A channel that adds the token to each call.
+pub(crate) type Calls = InterceptedService<Channel, Bearer>;
+
+/// Value of the header `authorization` of each call, if there is a token.
+#[derive(Clone)]
+pub(crate) struct Bearer(Option<MetadataValue<Ascii>>);
+
+impl Interceptor for Bearer {
+    fn call(&mut self, mut request: Request<()>) -> Result<Request<()>, Status> {
+        if let Some(value) = &self.0 {
+            request.metadata_mut().insert("authorization", value.clone());
+        }
+        Ok(request)
+    }
+}
+
+impl Bearer {
+    fn new(token: Option<&str>) -> Result<Self, CallError> {
+        let value = |token: &str| {
+            // The message must not contain the token.
+            let invalid = |_| CallError::Connect("the token has characters that cannot be sent".to_owned());
+            let mut value: MetadataValue<Ascii> = format!("Bearer {token}").parse().map_err(invalid)?;
+            value.set_sensitive(true);
+            Ok(value)
+        };
+        token.map(value).transpose().map(Self)
+    }
+}
+
+/// The settings of an encrypted connection.
+fn tls(credentials: &Credentials) -> ClientTlsConfig {
+    let tls = match &credentials.authorities {
+        Some(authorities) => ClientTlsConfig::new().ca_certificate(Certificate::from_pem(authorities)),
+        None => ClientTlsConfig::new().with_native_roots(),
+    };
+    match &credentials.identity {
+        Some([certificate, key]) => tls.identity(Identity::from_pem(certificate, key)),
+        None => tls,
+    }
+}
+
 /// A connection. The first call opens it. If it was closed, the next call opens it again.
 pub(crate) struct Connection {
     runtime: Runtime,
-    channel: Channel,
+    calls: Calls,
     pub address: Address,
     pub retry: Retry,
 }
 
 impl Connection {
-    pub fn new(address: Address, retry: Retry) -> Result<Self, CallError> {
+    /// Prepares a connection.
+    ///
+    /// # Errors
+    /// If the certificates are not valid, or if a token would be sent to another machine without encryption.
+    pub fn new(address: Address, credentials: &Credentials, retry: Retry) -> Result<Self, CallError> {
+        if credentials.token.is_some() && !(address.encrypted || address.is_local()) {
+            let what = "a token is only sent over an encrypted connection: use an address that begins with `grpcs://`";
+            return Err(CallError::Connect(what.to_owned()));
+        }
         let failed = |error: &dyn std::error::Error| CallError::Connect(error.to_string());
         // One thread moves the bytes; the threads of the run wait for it.
         let runtime = Builder::new_multi_thread()
@@ -37,14 +90,19 @@ impl Connection {
             .build()
             .map_err(|error| failed(&error))?;
         let endpoint = Endpoint::from_shared(address.http()).map_err(|error| failed(&error))?;
+        let endpoint = match address.encrypted {
+            true => endpoint.tls_config(tls(credentials)).map_err(|error| failed(&error))?,
+            false => endpoint,
+        };
         let endpoint = endpoint
             .connect_timeout(OPENING)
             .keep_alive_while_idle(true)
             .http2_keep_alive_interval(ALIVE)
             .tcp_nodelay(true);
         let _inside = runtime.enter();
-        let channel = endpoint.connect_lazy();
-        Ok(Self { runtime, channel, address, retry })
+        let calls =
+            InterceptedService::new(endpoint.connect_lazy(), Bearer::new(credentials.token.as_deref())?);
+        Ok(Self { runtime, calls, address, retry })
     }
 
     /// Calls the server, and repeats the call after a temporary failure. `attempt` makes the future of each
@@ -56,7 +114,7 @@ impl Connection {
         subject: &str,
         bytes: u64,
         cancel: &AtomicBool,
-        mut attempt: impl FnMut(Channel) -> F,
+        mut attempt: impl FnMut(Calls) -> F,
     ) -> Result<T, CallError> {
         let stopped = async {
             while !cancel.load(Ordering::Relaxed) {
@@ -64,10 +122,10 @@ impl Connection {
             }
         };
         let limit = self.retry.limit_for(bytes);
-        let calls = async {
+        let attempts = async {
             let mut number = 0;
             loop {
-                let outcome = tokio::time::timeout(limit, attempt(self.channel.clone())).await;
+                let outcome = tokio::time::timeout(limit, attempt(self.calls.clone())).await;
                 let status = match outcome {
                     Ok(Ok(answer)) => return Ok(answer),
                     Ok(Err(status)) => status,
@@ -87,7 +145,7 @@ impl Connection {
             tokio::select! {
                 biased;
                 () = stopped => Err(CallError::Cancelled),
-                outcome = calls => outcome,
+                outcome = attempts => outcome,
             }
         })
     }

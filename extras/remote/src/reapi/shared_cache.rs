@@ -14,6 +14,7 @@ use super::connection::Connection;
 use super::results::Found;
 use super::retry::Retry;
 use super::server::Server;
+use crate::credentials::Credentials;
 use crate::secret_key::SecretKey;
 use crate::signed::{self, Distrust};
 use crate::trusted_keys::TrustedKeys;
@@ -22,6 +23,8 @@ use crate::trusted_keys::TrustedKeys;
 pub struct SharedCacheOptions {
     /// The address of the server.
     pub address: Address,
+    /// Certificates and a token.
+    pub credentials: Credentials,
     /// Results signed by these keys are used.
     pub trusted: TrustedKeys,
     /// The key that signs new results. If `None`, nothing is stored on the server.
@@ -76,8 +79,8 @@ impl SharedCache {
     /// # Errors
     /// If the server cannot be reached or lacks a required capability.
     pub fn connect(options: SharedCacheOptions, cancel: &AtomicBool) -> Result<Self, CallError> {
-        let SharedCacheOptions { address, trusted, publish_as, fallback, retry } = options;
-        let server = Server::open(Connection::new(address, retry)?, cancel)?;
+        let SharedCacheOptions { address, credentials, trusted, publish_as, fallback, retry } = options;
+        let server = Server::open(Connection::new(address, &credentials, retry)?, cancel)?;
         let refuses = publish_as.is_some() && !server.takes_results;
         let state = Mutex::new(State { stores_nothing: refuses, ..State::default() });
         let cache = Self { server, trusted, publish_as, fallback, state };

@@ -9,6 +9,7 @@ use cache::{Options, Store};
 use engine::{Engine, Event, Graph, Outcome, RunOptions, Source, SourceRoot, State};
 use tempfile::TempDir;
 
+use crate::credentials::Credentials;
 use crate::reapi::{CallError, Retry, SharedCache, SharedCacheOptions, Traffic};
 use crate::secret_key::SecretKey;
 use crate::testing::registry;
@@ -30,6 +31,7 @@ pub struct Client {
     pub folder: TempDir,
     pub publish: bool,
     pub fallback: bool,
+    pub credentials: Credentials,
     pub retry: Retry,
 }
 
@@ -61,7 +63,8 @@ impl Client {
             limit: Duration::from_millis(800),
             ..Retry::default()
         };
-        let client = Self { folder, publish: false, fallback: true, retry };
+        let credentials = Credentials::default();
+        let client = Self { folder, publish: false, fallback: true, credentials, retry };
         let key = SecretKey::create(&client.path("key"), "client").expect("a key");
         let mut trusted = client.trusted();
         trusted.trust(&key.public()).expect("trusts");
@@ -107,6 +110,7 @@ impl Client {
     pub fn connect(&self, address: &str) -> Result<SharedCache, CallError> {
         let options = SharedCacheOptions {
             address: address.parse().expect("an address"),
+            credentials: self.credentials.clone(),
             trusted: self.trusted(),
             publish_as: self.publish.then(|| self.key()),
             fallback: self.fallback,

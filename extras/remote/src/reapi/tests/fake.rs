@@ -15,7 +15,8 @@ use bazel_remote_apis::google::bytestream::{
 use bazel_remote_apis::google::rpc;
 use tokio_stream::Stream;
 use tokio_stream::wrappers::TcpListenerStream;
-use tonic::transport::Server;
+use tonic::service::InterceptorLayer;
+use tonic::transport::{Server, ServerTlsConfig};
 use tonic::{Code, Request, Response, Status, Streaming};
 
 type Answer<T> = Result<Response<T>, Status>;
@@ -56,13 +57,33 @@ struct Service(Arc<Mutex<Script>>);
 
 impl Fake {
     pub fn start(script: Script) -> Self {
+        Self::with(script, None, None)
+    }
+
+    /// Starts a server with an encrypted connection that refuses calls without this token.
+    pub fn encrypted(script: Script, tls: ServerTlsConfig, token: &'static str) -> Self {
+        Self::with(script, Some(tls), Some(token))
+    }
+
+    fn with(script: Script, tls: Option<ServerTlsConfig>, token: Option<&'static str>) -> Self {
         let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build();
         let runtime = runtime.expect("a runtime");
         let script = Arc::new(Mutex::new(script));
         let listener = runtime.block_on(tokio::net::TcpListener::bind("127.0.0.1:0")).expect("a port");
-        let address = format!("grpc://{}", listener.local_addr().expect("an address"));
+        let scheme = if tls.is_some() { "grpcs" } else { "grpc" };
+        let address = format!("{scheme}://{}", listener.local_addr().expect("an address"));
         let service = Service(script.clone());
-        let server = Server::builder()
+        let allowed = move |request: Request<()>| {
+            let sent = request.metadata().get("authorization").and_then(|value| value.to_str().ok());
+            let is_right = token.is_none_or(|token| sent == Some(&format!("Bearer {token}")));
+            if is_right { Ok(request) } else { Err(Status::unauthenticated("a wrong token")) }
+        };
+        let mut builder = Server::builder();
+        if let Some(tls) = tls {
+            builder = builder.tls_config(tls).expect("certificates");
+        }
+        let server = builder
+            .layer(InterceptorLayer::new(allowed))
             .add_service(CapabilitiesServer::new(service.clone()))
             .add_service(ActionCacheServer::new(service.clone()))
             .add_service(

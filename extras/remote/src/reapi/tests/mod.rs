@@ -7,6 +7,7 @@
 mod answers;
 mod casd;
 mod client;
+mod encrypted;
 mod fake;
 mod faults;
 mod sharing;
