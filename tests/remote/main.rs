@@ -1,0 +1,130 @@
+//! Tests of `run --remote` and `key`, with a real server.
+#![allow(clippy::unwrap_used, missing_docs, reason = "a test may stop at the first surprise")]
+
+use std::process::Output;
+
+use serde_json::Value;
+
+#[path = "../../extras/remote/src/reapi/tests/casd.rs"]
+#[allow(dead_code, reason = "other tests damage the files of the server")]
+mod casd;
+#[path = "../support/program.rs"]
+#[allow(dead_code, reason = "the tests of the program without a server use the rest")]
+mod program;
+
+use casd::Casd;
+use program::{INSERT, Place, RunLog};
+
+/// A user with a cache and settings of their own.
+struct User(Place);
+
+impl User {
+    fn new() -> Self {
+        Self(Place::new(INSERT))
+    }
+
+    fn call(&self, arguments: &[&str]) -> Output {
+        let mut command = self.0.command(arguments);
+        command.env("XDG_CONFIG_HOME", self.0.path("config")).env_remove("LIGHTHARMONY_REMOTE");
+        command.output().unwrap()
+    }
+
+    fn good(&self, arguments: &[&str]) -> String {
+        let output = self.call(arguments);
+        assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+        String::from_utf8(output.stdout).unwrap()
+    }
+
+    fn bad(&self, arguments: &[&str]) -> String {
+        let output = self.call(arguments);
+        assert_eq!(output.status.code(), Some(2));
+        String::from_utf8_lossy(&output.stderr).into_owned()
+    }
+
+    fn run(&self, arguments: &[&str]) -> RunLog {
+        let output = self.call(&[&["run", "graph.ron", "--json"], arguments].concat());
+        let text = String::from_utf8(output.stdout).unwrap();
+        RunLog {
+            code: output.status.code().unwrap_or(-1),
+            events: text.lines().map(|line| serde_json::from_str(line).unwrap()).collect(),
+            errors: String::from_utf8_lossy(&output.stderr).into_owned(),
+        }
+    }
+}
+
+/// The event on what moved between the machine and the server.
+fn traffic(log: &RunLog) -> &Value {
+    log.events.iter().find(|event| event["event"] == "remote").expect("an event")
+}
+
+fn warnings(log: &RunLog) -> Vec<&str> {
+    let events = log.events.iter().filter(|event| event["event"] == "warning");
+    events.filter_map(|event| event["id"].as_str()).collect()
+}
+
+#[test]
+fn two_users_share_results_through_a_server() {
+    let Some(server) = Casd::start() else { return };
+    let address = server.address();
+    let (anna, ben) = (User::new(), User::new());
+    let error = anna.bad(&["run", "graph.ron", "--remote", &address, "--remote-write"]);
+    assert!(error.contains("`lightharmony key new NAME`"), "{error}");
+    let key = anna.good(&["key", "new", "anna-1"]);
+    let log = anna.run(&["--remote", &address, "--remote-write"]).good();
+    assert!(log.nodes("ran").contains(&"trace") && warnings(&log).is_empty(), "{:?}", log.events);
+    assert!(traffic(&log)["stored"].as_u64().unwrap() >= 10, "{}", traffic(&log));
+
+    // Not trusted yet: everything is computed, and one warning prints the command.
+    let log = ben.run(&["--remote", &address]).good();
+    assert!(log.nodes("ran").contains(&"trace"));
+    assert_eq!(warnings(&log), ["remote-untrusted"]);
+    ben.good(&["key", "trust", key.trim()]);
+    assert_eq!(ben.good(&["key", "list"]), format!("trusted {key}"));
+
+    // Trusted: nothing but the instant nodes runs, and the files are equal.
+    std::fs::remove_dir_all(ben.0.path("cache")).unwrap();
+    std::fs::remove_dir_all(ben.0.path("out")).unwrap();
+    let log = ben.run(&["--remote", &address, "--no-remote-fallback"]).good();
+    let ran: Vec<&str> = log.nodes("ran");
+    assert!(ran.iter().all(|node| ["camera", "pose", "probe"].contains(node)), "{ran:?}");
+    assert_eq!(anna.0.outputs(), ben.0.outputs());
+    // Only the values of the three sinks came.
+    assert_eq!(traffic(&log)["values"], 3, "{}", traffic(&log));
+
+    // The address may come from a file or the environment; `none` turns it off.
+    let config = ben.0.path("config/lightharmony");
+    std::fs::write(config.join("remote.ron"), format!("Remote(address: {address:?})")).unwrap();
+    std::fs::remove_dir_all(ben.0.path("cache")).unwrap();
+    let log = ben.run(&[]).good();
+    assert!(traffic(&log)["found"].as_u64().unwrap() >= 10);
+    std::fs::remove_dir_all(ben.0.path("cache")).unwrap();
+    let log = ben.run(&["--remote", "none"]).good();
+    assert!(log.events.iter().all(|event| event["event"] != "remote"));
+
+    // A revoked key.
+    ben.good(&["key", "revoke", "anna-1"]);
+    assert!(ben.bad(&["key", "trust", key.trim()]).contains("was revoked"));
+    std::fs::remove_dir_all(ben.0.path("cache")).unwrap();
+    let log = ben.run(&["--remote", &address]).good();
+    assert_eq!((warnings(&log), log.nodes("ran").contains(&"trace")), (vec!["remote-revoked"], true));
+}
+
+#[test]
+fn a_server_that_cannot_be_reached_is_reported() {
+    let user = User::new();
+    // Port 1 is reserved, and nothing listens there.
+    let address = "grpc://127.0.0.1:1";
+    let error = user.bad(&["run", "graph.ron", "--remote", address, "--no-remote-fallback"]);
+    assert!(error.contains(address) && error.contains("--no-remote-fallback"), "{error}");
+    assert!(!user.0.path("out").exists(), "nothing ran");
+    let log = user.run(&["--remote", address]).good();
+    assert_eq!(warnings(&log), ["remote-lost"]);
+    for (wrong, message) in [
+        (&["--remote", "http://a:1"][..], "is not the address of a server"),
+        (&["--remote", "grpcs://a:1"], "encrypted connections are not supported"),
+        (&["--remote-write"], "`--remote-write` needs a server"),
+    ] {
+        let error = user.bad(&[&["run", "graph.ron", "--set", "trace.samples=1"], wrong].concat());
+        assert!(error.contains(message), "{error}");
+    }
+}
