@@ -117,7 +117,7 @@ pub fn of_splats(file: &Path, cameras: Option<&Path>) -> Result<Drawn, NodeError
         );
     }
     if let Some(matrix) = &standing.matrix {
-        let text = "the capture is tilted; the plan and the views below apply if the loaders of the capture contain:";
+        let text = "the capture is tilted; the plan and the views below are valid if the nodes that load the capture set:";
         let _ = writeln!(lines, "{:>14}  {text}\n{:>14}  matrix: {}", "note", "", row_major(matrix));
     }
     let shown = Shown {

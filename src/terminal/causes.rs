@@ -8,8 +8,10 @@ use engine::{Change, Engine, Fate, Graph, Planned, Role, Why};
 pub fn reason(graph: &Graph, index: usize, fate: &Fate) -> String {
     match fate {
         Fate::Unwanted => "not needed by any target".to_owned(),
-        Fate::Known => "known".to_owned(),
-        Fate::Lost => "known, but removed from the cache: runs again if its values are needed".to_owned(),
+        Fate::Known => "up to date".to_owned(),
+        Fate::Lost => {
+            "up to date, but its values were removed from the cache: runs again if they are needed".to_owned()
+        }
         Fate::Runs(Why::New) => "runs: no earlier run is known".to_owned(),
         Fate::Runs(Why::Changed(changes)) => match causes(graph, index, changes).as_slice() {
             [] => "runs: the result of the last run is no longer kept".to_owned(),
@@ -193,7 +195,7 @@ pub fn trail(engine: &Engine, graph: &Graph, plan: &[Planned], node: usize) -> T
                 report(changes, &mut trail.lines);
             }
             Fate::Known if !past.is_empty() => {
-                trail.lines.push(format!("{head} is known; it last ran after these changes:"));
+                trail.lines.push(format!("{head} is up to date; it last ran after these changes:"));
                 report(&past, &mut trail.lines);
             }
             Fate::Follows(_) => {

@@ -65,8 +65,9 @@ pub(crate) struct Document<'t> {
     pub nodes: Vec<RawNode<'t>>,
     /// Blocks of an overlay: `scene`, `axes` and `parameters` outside `nodes`. Their form is that of nodes.
     pub blocks: Vec<RawNode<'t>>,
-    /// Fields of a block that an overlay sets by the name of the block, although a node has the same name: the
-    /// block and the field. It is a mistake if the node has such a field as well.
+    /// Fields that an overlay sets in `scene`, `axes` or `parameters` although a node has the same name as this
+    /// block, as pairs of block name and field. If the node has a field of that name too, the overlay is ambiguous,
+    /// which is reported as a mistake.
     pub contested: Vec<(&'static str, RawField<'t>)>,
     /// Scopes in which names are resolved: the graph itself, then each use of a subgraph.
     pub scopes: Vec<Scope<'t>>,

@@ -30,7 +30,7 @@ impl TextEdit {
     /// The text after the edit.
     ///
     /// # Panics
-    /// If the range does not lie in `text` or divides a character.
+    /// If the range is out of bounds or splits a character.
     pub fn apply(&self, text: &str) -> String {
         [&text[..self.span.start], &self.with, &text[self.span.end..]].concat()
     }

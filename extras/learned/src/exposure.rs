@@ -53,7 +53,7 @@ pub struct Recipe {
     pub contrast: f64,
     /// Weight in the loss of the cross-entropy between the predicted and the true position of the hidden light.
     pub place: f64,
-    /// Weight decay of the two parts of the network: of the part that is linear, and of the part with hidden units.
+    /// Weight decay of the linear part of the network, and of the part with hidden units.
     pub decay: [f64; 2],
 }
 

@@ -15,7 +15,7 @@ use crate::save::{SaveError, replace};
 /// Maximum length of a new value in bytes.
 pub const MAX_VALUE: usize = 16 << 10;
 
-/// An edit of one value of a node, or of several at once.
+/// An edit of one or more values of a node.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Edit {

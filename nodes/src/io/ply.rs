@@ -249,7 +249,7 @@ fn odd_float(text: &str) -> Option<f64> {
         .then_some(f64::NAN)
 }
 
-/// Reader of the body, row by row.
+/// Reads the body of a PLY file row by row.
 pub struct Rows<'a> {
     file: &'a str,
     format: Format,

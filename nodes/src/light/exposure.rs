@@ -1,4 +1,4 @@
-//! Exposure: metering of a panorama, and hidden light measured from other exposures.
+//! Exposure: metering of a panorama, and measurement of clipped light from other exposures.
 
 use super::linear::max3;
 use crate::math::color::luminance;

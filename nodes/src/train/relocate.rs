@@ -1,4 +1,4 @@
-//! Relocation of faded splats and growth, as in "3D Gaussian Splatting as Markov Chain Monte Carlo" (Kheradmand et
+//! Relocation of faded splats, and growth of the number of splats, as in "3D Gaussian Splatting as Markov Chain Monte Carlo" (Kheradmand et
 //! al. 2024, section 3.3 and appendix): a splat is replaced with several copies whose opacity and size are chosen
 //! so that the rendered picture changes as little as possible.
 

@@ -11,7 +11,7 @@ use super::rig::{Camera, Rig};
 pub enum SplatEncoding {
     /// Display values, similar to sRGB. Nearly all captures use this encoding.
     Srgb,
-    /// Linear light, if the file specifies it.
+    /// Linear light. Used only if the file specifies it.
     Linear,
 }
 

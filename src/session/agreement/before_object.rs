@@ -161,7 +161,7 @@ fn drawn(graph: &Graph) -> Vec<Drawn> {
     all
 }
 
-/// Digest of everything that the comparison depends on. `None` if the run has no result of one of the nodes.
+/// Digest of everything that the comparison depends on. `None` if the run has no result for one of the nodes.
 fn key(graph: &Graph, drawn: Drawn, done: &Done) -> Option<Digest> {
     done.key(graph, drawn.composite)?;
     let mut key = Key::new("before object");

@@ -123,7 +123,7 @@ pub struct Memory {
 }
 
 impl Memory {
-    /// Reads what is remembered in a store.
+    /// Reads the memory of `source` from a store.
     pub fn of_store(store: &Store, source: &Source, root: &SourceRoot) -> Self {
         let name = name(source, root);
         let bytes = store.last_run_get(&name);

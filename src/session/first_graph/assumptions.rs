@@ -103,7 +103,7 @@ pub fn list(survey: &Survey, graph: &str, path: &Path) -> String {
         Some(surface) => line(
             "place",
             format!(
-                "{} on a level surface, {} above the floor, with {} of free space around it",
+                "{} on a level surface, {} above the floor, with {} of free space around the object",
                 vector(s.translation),
                 length(surface.height.max(0.0), digits),
                 length(surface.radius, digits)

@@ -193,7 +193,7 @@ fn object(o: &mut Lines, s: &Survey) {
             format!("where you put it, {} above the floor", length(surface.height.max(0.0), 2))
         }
         Some(surface) => format!(
-            "on a level surface, {} above the floor, with {} of free space around it",
+            "on a level surface, {} above the floor, with {} of free space around the object",
             length(surface.height.max(0.0), 2),
             length(surface.radius, 2)
         ),

@@ -15,7 +15,8 @@ use crate::session::splats::context;
 const WIDTH: u32 = 128;
 /// Minimum unseen share of the upper half for light to count as missing, as in `fuse-hdr`.
 const LEAST_OPEN: f64 = 0.02;
-/// Unseen share of the upper half above which the light is unknown, if little ground shows how bright it is.
+/// If little of the ground is visible, so that the brightness of the light cannot be estimated from it, the light
+/// counts as unknown when the unseen share of the upper half exceeds this value.
 const MOSTLY_OPEN: f64 = 0.5;
 /// Share of the ground directions below which little ground is visible.
 const LITTLE_GROUND: f64 = 0.25;

@@ -43,7 +43,7 @@ pub(super) fn materials(
         }
         if let Some((line, first)) = found.wrong.first() {
             let what = format!(
-                "lines of the material file `{path}` cannot be read and are ignored (number: {}; the first is line {line}, `{first}`)",
+                "lines of the material file `{path}` cannot be read and are ignored (count: {}; the first is line {line}, `{first}`)",
                 found.wrong.len()
             );
             notes.degraded("material-lines-ignored", what);

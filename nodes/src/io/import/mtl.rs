@@ -104,7 +104,7 @@ fn first_number(rest: &str) -> Option<f32> {
     words(rest).next().and_then(number)
 }
 
-/// Reads a texture statement: options such as `-s 1 1 1`, then a path. Adds the options that are not read to
+/// Reads a texture statement: options such as `-s 1 1 1`, then a path. Adds the names of unsupported options to
 /// `ignored`.
 fn texture(rest: &str, ignored: &mut BTreeSet<String>) -> Option<Texture> {
     let (mut offset, mut scale) = ([0.0; 2], [1.0; 2]);

@@ -64,7 +64,7 @@ impl Loaded {
 /// Warns about bytes after the end of the data.
 pub(super) fn left_over(file: &str, bytes: usize, notes: &mut Notes) {
     if bytes > 0 {
-        let text = format!("the bytes after the splats of `{file}` are ignored (number: {bytes})");
+        let text = format!("the bytes after the splats of `{file}` are ignored (count: {bytes})");
         notes.warning("bytes-left-over", text);
     }
 }

@@ -110,8 +110,8 @@ impl DemoCamera {
         inside.then(|| way.length())
     }
 
-    /// Maximum size of a patch of a surface, in metres, such that the patch appears at most `pixels` large in the
-    /// picture. Patches on back sides and outside the frame may be larger.
+    /// Maximum size of a surface patch, in metres, for it to be no more than `pixels` pixels wide in the picture.
+    /// Patches on back faces and outside the frame may be larger.
     fn patch_size(&self, p: DVec3, n: DVec3, size: f64, pixels: f64) -> f64 {
         let way = self.eye - p;
         let close = pixels / self.focal;

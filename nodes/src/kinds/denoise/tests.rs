@@ -100,7 +100,7 @@ fn noise_goes_and_the_edge_stays() {
     }
 }
 
-/// In a place that is almost dark without a lamp, the light of the lamp keeps its gradient and loses its noise. In
+/// In a place that is almost dark except for one lamp, the light of the lamp keeps its gradient and loses its noise. In
 /// an earlier version all ratios above 8 counted as equal, so that a pool of light became a plateau with a rim.
 #[test]
 fn bright_ratios_are_distinguished() {

@@ -398,7 +398,7 @@ const LARGEST_ERROR: f64 = 1.0;
 /// Maximum of the range of `samples`.
 const MOST_SAMPLES: u64 = 1 << 20;
 
-/// Rounds a number of samples up to two significant digits.
+/// Rounds up a number of samples to two significant digits.
 fn round_up(samples: f64) -> u64 {
     let samples = samples.ceil() as u64;
     let mut step = 1_u64;

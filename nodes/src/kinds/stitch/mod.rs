@@ -86,7 +86,7 @@ impl Source {
         };
         if channels != 4 || width == 0 || height == 0 {
             let what = format!(
-                "view `{}` must have at least 1x1 pixels and 4 channels, but is {width}x{height} pixels (channels: {channels})",
+                "view `{}` must have 4 channels and must not be empty, but is {width}x{height} pixels (channels: {channels})",
                 view.camera.name
             );
             return Err(NodeError::new(what).at("views"));

@@ -41,7 +41,7 @@ const REFINED: usize = 8;
 const BEST: usize = 5;
 /// Minimum ratio of the agreement of a simpler transform to the agreement of the transform that it replaces.
 const SIMPLER: f64 = 0.96;
-/// Conversion factors between units of length, and other scale factors that are frequent in practice.
+/// Conversion factors between units of length, and other scale factors that are common in practice.
 const UNITS: [f64; 13] =
     [1.0, 0.001, 0.01, 0.1, 0.5, 2.0, 10.0, 100.0, 1000.0, 0.3048, 1.0 / 0.3048, 0.0254, 1.0 / 0.0254];
 /// Maximum relative difference of two scale factors that count as equal.

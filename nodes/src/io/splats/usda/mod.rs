@@ -50,7 +50,7 @@ pub(super) fn load(
     let Stage { fields, hidden, elsewhere } = Stage::read(&mut scan, &settings)?;
     if hidden > 0 {
         let text = format!(
-            "prims of splats in `{file}` that are inactive, invisible or not defined are ignored (number: {hidden})"
+            "prims of splats in `{file}` that are inactive, invisible or not defined are ignored (count: {hidden})"
         );
         notes.decision("usd-hidden", text);
     }

@@ -1,5 +1,5 @@
-//! Ground truth for training: HDR panoramas, photographs of them in which lights clip, and the light that
-//! clipping hides.
+//! Ground truth for training: HDR panoramas, simulated photographs of them in which lights are clipped, and the
+//! light that the clipping hides.
 
 use std::collections::BTreeMap;
 

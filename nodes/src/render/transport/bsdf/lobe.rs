@@ -1,4 +1,4 @@
-//! Classes of lobes, and their values.
+//! Classes of BSDF lobes, and the BSDF values of each class.
 
 use glam::Vec3;
 

@@ -138,7 +138,7 @@ impl<'a> Integrator<'a> {
         self.pass.touch_only && self.tally.touched
     }
 
-    /// Receiver surface at a hit, outside all bodies, with the offset `lift` for rays to objects.
+    /// Receiver surface at a hit that lies outside all bodies. Rays from it to objects start at the offset `lift`.
     pub(crate) fn receiver_surface(&self, hit: &Hit, lift: Vec3) -> Surface {
         let surface = self.scene.receiver.surface(hit);
         let covers = || self.scene.objects.covers(surface.position + lift, surface.normal);

@@ -44,14 +44,14 @@ pub(crate) struct ReceiverPaths<'a> {
     paths: Vec<ReceiverPath>,
     /// Indices of the paths that go on.
     alive: Vec<usize>,
-    /// Light samples of the current vertices of these paths, one path after another, under distant light.
+    /// Samples of distant light at the current vertices of the paths in `alive`, stored path by path.
     lights: Vec<LightSample>,
-    /// For each of these paths, the end of its samples in `lights`.
+    /// For each path in `alive`, the end of its samples in `lights`.
     ends: Vec<usize>,
     points: Vec<Points>,
     bits: Vec<[u32; 2]>,
     wanted: Vec<PlacedDraw<'a>>,
-    /// Light samples under near light.
+    /// Samples of near light.
     near: Option<(NearFieldLight<'a>, NearDraws<'a>)>,
     found: Vec<Vec3>,
     /// Numbers of rays cast.

@@ -81,9 +81,8 @@ pub(crate) struct Accumulator {
     broken: u64,
     cut: u64,
     behind: u64,
-    /// Total number of pixel chunks, number of pixel chunks that no object changed, and number of cropped pixel
-    /// chunks. Cropped chunks are included in the second number. A pixel chunk is one chunk of samples of one
-    /// pixel.
+    /// A pixel chunk is one chunk of samples of one pixel. Total number of pixel chunks, number of pixel chunks that
+    /// no object changed (including cropped ones), and number of cropped pixel chunks.
     pixels: [u64; 3],
     /// Upper bound of the relative change of light in cropped chunks.
     bound: f32,

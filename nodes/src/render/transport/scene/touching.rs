@@ -17,7 +17,7 @@ pub struct Touching {
     pub(crate) triangles: Vec<bool>,
     /// Bounding box of the triangles that may coincide, enlarged by [`reach`](Self::reach).
     pub(crate) held: Option<Aabb>,
-    /// Maximum distance between two coincident surfaces.
+    /// Maximum distance at which two surfaces count as coincident.
     pub(crate) reach: f32,
 }
 

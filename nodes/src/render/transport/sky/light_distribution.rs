@@ -152,8 +152,8 @@ impl LightDistribution {
         distribution
     }
 
-    /// Chooses the row and column of a cell by two random numbers. Also returns the relative positions of the
-    /// numbers within the intervals of the row and of the column, which can serve as new random numbers.
+    /// Chooses the row and column of a cell from two random numbers. Also returns the relative position of each
+    /// number within the interval of its row or column; these positions can serve as new random numbers.
     #[inline(always)]
     pub fn choose<S: Simd>(&self, simd: S, point: [f64; 2]) -> (usize, usize, [f64; 2]) {
         let (row, v) = invert(simd, &self.cumulative, self.rows, point[0]);
