@@ -7,6 +7,7 @@ mod completions;
 mod convert;
 mod diff;
 mod explain;
+mod export;
 mod graph;
 mod init;
 mod inspect;
@@ -47,7 +48,7 @@ const GROUPS: [(&str, &[&str]); 5] = [
     ("Begin", &["init", "nodes", "inspect", "convert"]),
     ("Run a graph", &["run", "watch", "check", "plan", "explain", "show", "pick", "graph"]),
     ("Trade work for accuracy", &["knobs", "tune", "report"]),
-    ("Share and reproduce", &["pack", "unpack", "verify", "lock", "diff", "action", "key"]),
+    ("Share and reproduce", &["pack", "unpack", "verify", "lock", "diff", "action", "key", "export"]),
     ("Maintain", &["cache", "completions", "manual", "train-exposure"]),
 ];
 
@@ -118,6 +119,8 @@ enum Verb {
     /// Make the key that signs your results, and list the keys whose results you use (in builds with the feature
     /// `remote`)
     Key(key::Key),
+    /// Write a graph as a job of another scheduler
+    Export(export::Export),
     /// Write a scene of splats, or a mesh, in another format
     Convert(convert::Convert),
     /// Print the properties of splats, a mesh or a picture: size, up axis, floor, probable mistakes
@@ -208,6 +211,7 @@ impl Command {
             Verb::Cache(verb) => verb.run(),
             Verb::Action(verb) => verb.run(),
             Verb::Key(verb) => verb.run(),
+            Verb::Export(verb) => verb.run(),
             Verb::Convert(verb) => verb.run(),
             Verb::Inspect(verb) => verb.run(),
             Verb::Diff(verb) => verb.run(),

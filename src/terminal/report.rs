@@ -17,6 +17,9 @@ pub enum Report {
     Json,
     /// Lines on standard error, with a bar if it is a terminal, and paths of written files on standard output.
     Lines(Box<Lines>),
+    /// The same, and progress for Open Job Description on standard output. The number is the last printed progress in
+    /// percent.
+    OpenJd(Box<Lines>, Option<u8>),
 }
 
 /// Lines of text.
@@ -43,31 +46,26 @@ impl Report {
 
     /// A report as lines of text; `verbose` also prints cached nodes, counts and all notes.
     pub fn lines(verbose: bool) -> Self {
-        let target = if std::io::stderr().is_terminal() {
-            ProgressDrawTarget::stderr_with_hz(12)
-        } else {
-            ProgressDrawTarget::hidden()
-        };
-        Report::Lines(Box::new(Lines {
-            bar: ProgressBar::with_draw_target(None, target),
-            progress: Progress::default(),
-            begin: Instant::now(),
-            verbose,
-            colour: colours(),
-            printed: BTreeSet::new(),
-            unprinted: 0,
-            written: BTreeSet::new(),
-        }))
+        Report::Lines(Lines::new(verbose))
     }
 
-    /// True if a progress bar with a forecast is shown. The forecast requires a plan.
+    /// A report as lines of text, with progress for Open Job Description.
+    pub fn openjd(verbose: bool) -> Self {
+        Report::OpenJd(Lines::new(verbose), None)
+    }
+
+    /// True if progress with a forecast is shown. The forecast requires a plan.
     pub fn shows_forecast(&self) -> bool {
-        matches!(self, Report::Lines(lines) if !lines.bar.is_hidden())
+        match self {
+            Report::Json => false,
+            Report::Lines(lines) => !lines.bar.is_hidden(),
+            Report::OpenJd(..) => true,
+        }
     }
 
     /// Sets the plan of the run that follows, for the forecast.
     pub fn expect(&mut self, plan: &[Planned]) {
-        if let Report::Lines(lines) = self {
+        if let Report::Lines(lines) | Report::OpenJd(lines, _) = self {
             lines.progress = Progress::planned(plan, lines.now());
         }
     }
@@ -79,11 +77,56 @@ impl Report {
             Report::Json if matches!(event, Event::Span { .. }) => {}
             Report::Json => json_line(event),
             Report::Lines(lines) => lines.show(event),
+            Report::OpenJd(lines, printed) => {
+                lines.show(event);
+                for line in lines.openjd(event, printed) {
+                    let _ = writeln!(std::io::stdout().lock(), "{line}");
+                }
+            }
         }
     }
 }
 
 impl Lines {
+    fn new(verbose: bool) -> Box<Self> {
+        let target = if std::io::stderr().is_terminal() {
+            ProgressDrawTarget::stderr_with_hz(12)
+        } else {
+            ProgressDrawTarget::hidden()
+        };
+        Box::new(Self {
+            bar: ProgressBar::with_draw_target(None, target),
+            progress: Progress::default(),
+            begin: Instant::now(),
+            verbose,
+            colour: colours(),
+            printed: BTreeSet::new(),
+            unprinted: 0,
+            written: BTreeSet::new(),
+        })
+    }
+
+    /// The lines of Open Job Description for an event: the progress in percent when it has grown, and the state of
+    /// the run when a node starts.
+    fn openjd(&self, event: &Event, printed: &mut Option<u8>) -> Vec<String> {
+        let (percent, starts) = match event {
+            Event::Start { .. } => (self.progress.fraction(self.now()), true),
+            Event::Progress { .. } | Event::Node { .. } => (self.progress.fraction(self.now()), false),
+            Event::Done(_) => (1.0, false),
+            _ => return Vec::new(),
+        };
+        let percent = (100.0 * percent) as u8;
+        let mut lines = Vec::new();
+        if printed.is_none_or(|printed| percent > printed) {
+            *printed = Some(percent);
+            lines.push(format!("openjd_progress: {percent}"));
+        }
+        if starts {
+            lines.push(format!("openjd_status: {}", self.progress.text(self.now())));
+        }
+        lines
+    }
+
     fn now(&self) -> f64 {
         self.begin.elapsed().as_secs_f64()
     }

@@ -5,6 +5,7 @@ mod action;
 mod agreement;
 mod bytes;
 mod cache;
+mod export;
 mod incremental;
 mod init;
 mod kill;

@@ -95,6 +95,22 @@ fn iso_media(brand: &[u8], compatible: &[u8]) -> &'static str {
     }
 }
 
+/// Name of the format of a picture that no reader supports, from its first bytes or the ending of its name.
+pub fn other_picture(name: &str, bytes: &[u8]) -> Option<&'static str> {
+    let starts: [(&[u8], &str); 7] = [
+        (b"BM", "BMP"),
+        (b"GIF8", "GIF"),
+        (b"DDS ", "DDS"),
+        (b"\x76\x2f\x31\x01", "OpenEXR"),
+        (b"#?", "Radiance HDR"),
+        (b"8BPS", "Photoshop"),
+        (b"RIFF", "WebP"),
+    ];
+    let found = starts.iter().find(|(start, _)| bytes.starts_with(start)).map(|(_, format)| *format);
+    // TGA has no distinctive start.
+    found.or(name.to_ascii_lowercase().ends_with(".tga").then_some("TGA"))
+}
+
 /// Rejects placeholders that other programs leave in place of a file, and formats that no reader supports. The
 /// error suggests a remedy. Readers call this before they detect their own formats.
 ///

@@ -106,9 +106,12 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Radi
             return Err(Error::unsupported(file, format!("the Radiance format `{value}`")));
         }
         if key == "EXPOSURE" {
-            let value: f64 = value.parse().map_err(|_| bad("`EXPOSURE` is not a number"))?;
+            let value: f64 = match value {
+                "" => 0.0,
+                value => value.parse().map_err(|_| bad("`EXPOSURE` is not a number"))?,
+            };
             if value == 0.0 {
-                // As FreeImage writes for an exposure that it does not know.
+                // As FreeImage writes for an exposure that it does not know; other programs leave the value out.
                 ignored.push(text.clone());
             } else {
                 scale = scale.map(|scale| scale * value);
@@ -360,6 +363,7 @@ mod tests {
         let of = |head: &str| read("a.hdr", &file(&format!("{head}\n-Y 1 +X 1\n"), &[10, 20, 30, 136]));
         for head in [
             "EXPOSURE=0\n",
+            "EXPOSURE=\n",
             "EXPOSURE=          0.0000000000000\n",
             "EXPOSURE=-0\n",
             "EXPOSURE=0\nEXPOSURE=1\n",

@@ -50,18 +50,32 @@ impl Profile {
 pub fn meaning(profile: &[u8]) -> Meaning {
     let ignored = |what: String| Meaning { profile: None, ignored: Some(what) };
     let options = ParsingOptions { max_profile_size: LARGEST, ..ParsingOptions::default() };
-    let Ok(profile) = ColorProfile::new_from_slice_with_options(profile, options) else {
-        return ignored("an ICC profile that cannot be read".to_owned());
-    };
-    let name = name(&profile);
+    match ColorProfile::new_from_slice_with_options(profile, options) {
+        Ok(profile) => of_profile(&profile),
+        Err(_) => ignored("an ICC profile that cannot be read".to_owned()),
+    }
+}
+
+/// The meaning of codes in Adobe RGB (1998), which cameras state without a profile.
+pub fn adobe_rgb() -> Meaning {
+    let mut meaning = of_profile(&ColorProfile::new_adobe_rgb());
+    if let Some(profile) = &mut meaning.profile {
+        profile.name = "Adobe RGB (1998)".to_owned();
+    }
+    meaning
+}
+
+fn of_profile(profile: &ColorProfile) -> Meaning {
+    let ignored = |what: String| Meaning { profile: None, ignored: Some(what) };
+    let name = name(profile);
     let described =
         name.as_ref().map_or_else(|| "an ICC profile".to_owned(), |n| format!("an ICC profile (`{n}`)"));
     let (curves, srgb, rec709) = match profile.color_space {
         DataColorSpace::Gray => ([&profile.gray_trc; 3], true, IDENTITY),
         DataColorSpace::Rgb => (
             [&profile.red_trc, &profile.green_trc, &profile.blue_trc],
-            srgb_primaries(&profile),
-            rec709_from(&profile),
+            srgb_primaries(profile),
+            rec709_from(profile),
         ),
         _ => return ignored(described),
     };
@@ -281,5 +295,16 @@ pub(crate) mod tests {
             drop(meaning(&hurt));
         }
         assert_eq!(meaning(&[]).ignored.as_deref(), Some("an ICC profile that cannot be read"));
+    }
+
+    /// Full green of Adobe RGB is outside Rec.709, and a middle code has the light of its gamma of 563/256.
+    #[test]
+    fn adobe_rgb_is_known_without_a_profile() {
+        let profile = adobe_rgb().profile.expect("a profile");
+        let grey = profile.light([0.5; 3]);
+        let expected = num::powf(0.5, 563.0 / 256.0);
+        assert!(grey.iter().all(|v| (v - expected).abs() < 1e-3), "{grey:?} {expected}");
+        let green = profile.light([0.0, 1.0, 0.0]);
+        assert!((green[0] + 0.398).abs() < 0.01 && (green[1] - 1.0).abs() < 0.01, "{green:?}");
     }
 }

@@ -4,7 +4,7 @@ use zune_jpeg::JpegDecoder;
 use zune_jpeg::zune_core::colorspace::ColorSpace;
 use zune_jpeg::zune_core::options::DecoderOptions;
 
-use super::exif::other_orientation;
+use super::exif::{self, ExifColour, other_orientation};
 use super::icc;
 use super::png::{Raster, believable};
 use super::progress::{Progress, TrackedReader, TrackedWriter};
@@ -47,7 +47,16 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Rast
     }
     let mut codes = Vec::with_capacity(raw.len());
     progress.over(&raw, |raw| codes.extend(raw.iter().map(|&code| u16::from(code))))?;
-    let meaning = decoder.icc_profile().map(|profile| icc::meaning(&profile)).unwrap_or_default();
+    // A profile defines more than the metadata of the camera.
+    let meaning = match (decoder.icc_profile(), decoder.exif().and_then(|exif| exif::colour(exif))) {
+        (Some(profile), _) => icc::meaning(&profile),
+        (None, Some(ExifColour::AdobeRgb)) => icc::adobe_rgb(),
+        (None, Some(ExifColour::Uncalibrated)) => icc::Meaning {
+            ignored: Some("a colour space other than sRGB (EXIF) but no ICC profile".to_owned()),
+            ..icc::Meaning::default()
+        },
+        (None, None) => icc::Meaning::default(),
+    };
     let mut ignored = Vec::from_iter(meaning.ignored);
     ignored.extend(decoder.exif().and_then(|exif| other_orientation(exif)));
     Ok(Raster {

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use engine::{FileHead, Notes};
 
-use super::foreign::refuse_foreign;
+use super::foreign::{other_picture, refuse_foreign};
 use super::head::Head;
 use super::png::Raster;
 use super::progress::Progress;
@@ -148,7 +148,12 @@ pub(crate) fn decode(
         }
         _ => {
             refuse_foreign(name, bytes)?;
-            return Err(Error::format(name, "the file is not a PNG, JPEG, OpenEXR or Radiance HDR picture"));
+            return Err(match other_picture(name, bytes) {
+                Some(format) => {
+                    Error::unsupported(name, format!("a {format} picture; save it as PNG or JPEG"))
+                }
+                None => Error::format(name, "the file is not a PNG, JPEG, OpenEXR or Radiance HDR picture"),
+            });
         }
     };
     let (width, height, channels) = decoded.size;

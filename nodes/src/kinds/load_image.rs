@@ -44,7 +44,7 @@ engine::outputs! {
 
 impl Kind for LoadImage {
     const NAME: &'static str = "load-image";
-    const VERSION: u32 = 7;
+    const VERSION: u32 = 8;
     const STORE: Keep = Keep::Cheap;
     type Params = Self;
     type In = In;

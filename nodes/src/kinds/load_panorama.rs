@@ -70,7 +70,7 @@ const HOLE_ALPHA: f32 = 0.5 / 255.0;
 
 impl Kind for LoadPanorama {
     const NAME: &'static str = "load-panorama";
-    const VERSION: u32 = 9;
+    const VERSION: u32 = 10;
     const READS: &'static [ContextField] = &[ContextField::Up];
     const STORE: Keep = Keep::Cheap;
     type Params = Self;

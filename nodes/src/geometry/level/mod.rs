@@ -17,7 +17,7 @@ use crate::math::num;
 use crate::types::{Mesh, Rig, Splats};
 use candidate::{Candidate, LAYERED};
 use patch::Patches;
-use profile::profile;
+use profile::{Profile, profile};
 
 pub use patch::rotation;
 pub use profile::Evidence;
@@ -138,10 +138,7 @@ pub fn upright(splats: &Splats, up: DVec3, cameras: Option<&Rig>) -> Option<Leve
     let measured = estimate(&patches, cameras)?;
     let profile = profile(&patches, up);
     let mut found = refine::refine(&patches, &profile);
-    // The plane of the floor under the middle of the scene, along the given direction.
-    let centre = patches.centre;
-    found.floor += centre.dot(up) - centre.dot(found.up);
-    found.up = up;
+    found.turn_to(up, patches.centre);
     let agrees = DVec3::from_array(measured.up).dot(up) > 0.9962;
     let confidence = if agrees { measured.confidence } else { 0.0 };
     Some(LevelEstimate {
@@ -154,6 +151,11 @@ pub fn upright(splats: &Splats, up: DVec3, cameras: Option<&Rig>) -> Option<Leve
         scale: scale::scale(&found, &patches, cameras),
         ..measured
     })
+}
+
+/// True if a floor, given by its concentration in layers and its profile, is seen clearly enough to be reliable.
+fn is_reliable(layering: f64, profile: &Profile) -> bool {
+    layering >= LEAST_LAYERING && profile.observations >= LEAST_OBSERVATIONS
 }
 
 fn estimate(patches: &Patches, cameras: Option<&Rig>) -> Option<LevelEstimate> {
@@ -192,7 +194,13 @@ fn estimate(patches: &Patches, cameras: Option<&Rig>) -> Option<LevelEstimate> {
         confidence *= (best.layering / LEAST_LAYERING).min(1.0);
         confidence *= (best.profile.observations / LEAST_OBSERVATIONS).min(1.0);
     }
-    let found = refine::refine(patches, &best.profile);
+    let mut found = refine::refine(patches, &best.profile);
+    // A floor that is not reliable may lean. Cameras that were held level then give the more exact vertical.
+    let is_clear = is_reliable(best.layering, &best.profile);
+    if let Some(held) = held.filter(|held| seen && !is_clear && held.is_exact()) {
+        let up = if held.up.dot(found.up) < 0.0 { -held.up } else { held.up };
+        found.turn_to(up, patches.centre);
+    }
     let ceiling = found.ceiling;
     Some(LevelEstimate {
         up: found.up.to_array(),

@@ -24,6 +24,14 @@ pub(super) struct Stand {
     pub ceiling: Option<f64>,
 }
 
+impl Stand {
+    /// Replaces the up direction. The floor keeps its height at the point `centre`.
+    pub fn turn_to(&mut self, up: DVec3, centre: DVec3) {
+        self.floor += centre.dot(up) - centre.dot(self.up);
+        self.up = up;
+    }
+}
+
 /// Fits a plane to the floor that a profile found.
 pub(super) fn refine(patches: &Patches, profile: &Profile) -> Stand {
     let [x, y] = across(profile.up);

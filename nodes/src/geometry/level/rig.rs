@@ -3,6 +3,7 @@
 use glam::{DMat3, DVec3};
 
 use super::candidate::{Candidate, LAYERED};
+use super::is_reliable;
 use super::patch::Patches;
 use super::profile::profile;
 use crate::math::num;
@@ -12,8 +13,14 @@ use crate::types::Rig;
 const FEWEST: usize = 3;
 /// Cosine of 20 degrees. The cameras and the surfaces agree if their verticals are within this angle.
 const AGREE: f64 = 0.94;
-/// Evidence for the up direction from cameras that are exactly level, as a logarithm of odds.
+/// Evidence for the up direction from [`FEWEST`] cameras that are exactly level, as a logarithm of odds.
 const COUNT: f64 = 5.0;
+/// Maximum factor by which the evidence grows with the number of cameras. The errors of cameras that one person held
+/// are not independent.
+const MOST_EVIDENCE: f64 = 2.5;
+/// Minimum value of `level` at which the mean of the cameras is within a few degrees of the vertical: their horizontal
+/// axes are level to 2 degrees (root mean square).
+const EXACT: f64 = 0.85;
 
 /// The vertical as estimated from the cameras.
 #[derive(Debug, Clone, Copy)]
@@ -24,9 +31,17 @@ pub(super) struct Held {
     pub signed: bool,
     /// Degree to which the cameras were held level, 0 to 1.
     pub level: f64,
+    /// Number of cameras.
+    pub count: usize,
 }
 
 impl Held {
+    /// True if the direction is more exact than that of a floor that is not reliable.
+    pub fn is_exact(&self) -> bool {
+        self.level >= EXACT
+    }
+
+    /// True if the direction is within 20 degrees of `up`.
     pub fn agrees(&self, up: DVec3) -> bool {
         let cosine = self.up.dot(up);
         (if self.signed { cosine } else { cosine.abs() }) > AGREE && self.level > 0.5
@@ -66,7 +81,8 @@ fn least(axes: &[DVec3]) -> (DVec3, f64, f64) {
 /// Estimates the vertical from the cameras of a rig. `None` if there are too few cameras, or if they were not held
 /// level.
 pub(super) fn held(rig: &Rig) -> Option<Held> {
-    if rig.cameras.len() < FEWEST {
+    let count = rig.cameras.len();
+    if count < FEWEST {
         return None;
     }
     let axis = |k: usize| -> Vec<DVec3> {
@@ -89,12 +105,12 @@ pub(super) fn held(rig: &Rig) -> Option<Held> {
     let (b, level_b) = found(sideways, side);
     if upright.2 <= 0.2 && sideways.2 <= 0.2 {
         // All cameras look the same way, so the only evidence is how they were held.
-        return Some(Held { up: up.normalize(), signed: true, level: 0.5 * level_a.max(0.0) });
+        return Some(Held { up: up.normalize(), signed: true, level: 0.5 * level_a.max(0.0), count });
     }
     let held = if level_a >= level_b {
-        Held { up: a, signed: true, level: level_a }
+        Held { up: a, signed: true, level: level_a, count }
     } else {
-        Held { up: b, signed: false, level: level_b }
+        Held { up: b, signed: false, level: level_b, count }
     };
     (held.level > 0.1 && held.up.is_finite()).then_some(held)
 }
@@ -111,9 +127,13 @@ pub(super) fn weigh(held: &Held, patches: &Patches, candidates: &mut Vec<Candida
             candidates.push(Candidate { odds, layering: least, profile });
         }
     }
+    // Next to a clear floor, cameras may be in another frame, whatever their number.
+    let is_clear = candidates.iter().any(|c| is_reliable(c.layering, &c.profile));
+    let more = 1.0 + 0.5 * num::f64::ln(held.count as f64 / FEWEST as f64);
+    let evidence = COUNT * held.level * if is_clear { 1.0 } else { more.min(MOST_EVIDENCE) };
     for c in candidates {
         let cosine = held.up.dot(c.profile.up);
         let cosine = if held.signed { cosine } else { cosine.abs() };
-        c.odds += COUNT * held.level * ((cosine - 0.5) * 2.0).clamp(-1.0, 1.0);
+        c.odds += evidence * ((cosine - 0.5) * 2.0).clamp(-1.0, 1.0);
     }
 }

@@ -51,6 +51,6 @@ pub(super) fn scale(stand: &Stand, patches: &Patches, cameras: Option<&Rig>) -> 
     match (room, held) {
         (Some(room), _) => of(room, ROOM, "the ceiling is", [0.5, 0.8]),
         (None, Some(held)) => of(held, HELD, "the cameras are", [0.3, 0.6]),
-        (None, None) => Scale::unknown("no ceiling and no cameras were found"),
+        (None, None) => Scale::unknown("there is no ceiling, and no camera above the floor"),
     }
 }

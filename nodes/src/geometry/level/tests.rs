@@ -195,3 +195,21 @@ fn cameras_say_what_surfaces_do_not() {
     let own = of_splats(&room.0, Some(&cameras(DMat3::IDENTITY, 0.0, 20))).expect("a scene");
     assert!(own.is_floor_sure() && own.by_cameras, "{own:?}");
 }
+
+/// A few splats that lie on a leaning plane are not a floor: level cameras give the vertical. This test fails if the
+/// normal of such a plane replaces the direction of the cameras.
+#[test]
+fn level_cameras_are_more_exact_than_a_vague_floor() {
+    let mut vague = Made::new();
+    for i in 0..3000 {
+        let at = DVec3::new(unit(i, 0) - 0.5, unit(i, 1) - 0.5, unit(i, 2)) * 6.0;
+        vague.push(at, [0.05; 3], DMat3::IDENTITY, 0.5);
+    }
+    let lean = about(DVec3::X, 0.2);
+    for i in 0..90 {
+        let at = lean * (DVec3::new(unit(i, 5) - 0.5, unit(i, 6) - 0.5, 0.0) * 5.0);
+        vague.push(at, [0.1, 0.1, 0.005], lean, 0.9);
+    }
+    let found = of_splats(&vague.0, Some(&cameras(DMat3::IDENTITY, 0.0, 40))).expect("a scene");
+    assert!(degrees(DVec3::from_array(found.up), DVec3::Z) < 1.0 && found.is_sure(), "{found:?}");
+}

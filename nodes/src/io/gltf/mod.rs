@@ -13,7 +13,7 @@ use std::collections::BTreeSet;
 
 use serde_json::Value;
 
-use super::foreign::{json_text, refuse_foreign, refuse_placeholder};
+use super::foreign::{self, json_text, refuse_foreign, refuse_placeholder};
 use super::mesh_format;
 use super::png::Raster;
 use super::{jpeg, png, webp};
@@ -140,18 +140,7 @@ fn other_picture(label: &str, bytes: &[u8]) -> Error {
     if let Err(named) = refuse_foreign(label, bytes) {
         return named;
     }
-    let starts: [(&[u8], &str); 6] = [
-        (b"BM", "BMP"),
-        (b"GIF8", "GIF"),
-        (b"DDS ", "DDS"),
-        (b"\x76\x2f\x31\x01", "OpenEXR"),
-        (b"#?", "Radiance HDR"),
-        (b"8BPS", "Photoshop"),
-    ];
-    let found = starts.iter().find(|(start, _)| bytes.starts_with(start)).map(|(_, format)| *format);
-    // TGA has no distinctive start.
-    let is_tga = label.to_ascii_lowercase().ends_with(".tga");
-    match found.or(is_tga.then_some("TGA")) {
+    match foreign::other_picture(label, bytes) {
         Some(format) => Error::unsupported(label, format!("a {format} texture; save it as PNG or JPEG")),
         None => Error::format(label, "the picture is not PNG, JPEG or WebP"),
     }

@@ -53,6 +53,12 @@ struct Header {
 
 impl Header {
     fn read(file: &str, bytes: &[u8]) -> Result<Self, Error> {
+        if bytes.starts_with(b"ply") {
+            return Err(Error::unsupported(
+                file,
+                "a PLY file compressed with gzip; unpack it, for instance with `gunzip`",
+            ));
+        }
         if bytes.get(..4) != Some(MAGIC) {
             return Err(Error::format(
                 file,

@@ -1,5 +1,6 @@
 //! COLMAP models: the files `cameras` and `images`, as text or binary.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::io::{BufRead, Read};
 
@@ -147,10 +148,10 @@ fn sorted(mut cameras: Vec<Raw>) -> Vec<Raw> {
 
 /// Reads `cameras.txt` and `images.txt`.
 pub fn text(file: &str, cameras: &[u8], images: &[u8]) -> Result<Vec<Raw>, Error> {
-    fn as_text<'a>(file: &str, bytes: &'a [u8]) -> Result<&'a str, Error> {
+    // Names of pictures have the encoding of the system that wrote them, so they may not be UTF-8.
+    fn as_text<'a>(file: &str, bytes: &'a [u8]) -> Result<Cow<'a, str>, Error> {
         refuse_foreign(file, bytes)?;
-        let bytes = bytes.strip_prefix(BYTE_ORDER_MARK).unwrap_or(bytes);
-        std::str::from_utf8(bytes).map_err(|_| Error::format(file, "is not UTF-8 text"))
+        Ok(String::from_utf8_lossy(bytes.strip_prefix(BYTE_ORDER_MARK).unwrap_or(bytes)))
     }
     let mut lenses = BTreeMap::new();
     for (number, line) in as_text(file, cameras)?.lines().enumerate() {

@@ -77,7 +77,8 @@ fn candidates(path: &InputFile) -> Vec<Vec<InputFile>> {
     };
     let file = |name: String| InputFile(format!("{folder}/{name}"));
     let mut candidates = Vec::new();
-    for inner in ["", "sparse/0/", "sparse/"] {
+    // The last one is the layout of nerfstudio.
+    for inner in ["", "sparse/0/", "sparse/", "colmap/sparse/0/"] {
         for ending in ["bin", "txt"] {
             candidates.push(vec![
                 file(format!("{inner}cameras.{ending}")),
@@ -102,7 +103,14 @@ fn is_part(file: &str) -> bool {
 fn unknown(path: &InputFile) -> NodeError {
     let what =
         format!("`{}` is neither a file `.json`, `.gltf` or `.glb` nor the folder of a COLMAP model", path.0);
-    NodeError::new(what)
-        .at("path")
-        .hint("a COLMAP model has `cameras.bin` and `images.bin`, or both as `.txt`")
+    let ending = path.0.rsplit_once('.').map_or(String::new(), |(_, ending)| ending.to_ascii_lowercase());
+    let hint = match ending.as_str() {
+        "xml" => "cameras of Metashape are exported as COLMAP by File, Export, Export Cameras",
+        "csv" => "cameras of RealityCapture are exported as COLMAP by Alignment, Export, Registration",
+        "out" | "nvm" | "rc" => {
+            "export the cameras as a COLMAP model, which most reconstruction programs write"
+        }
+        _ => "a COLMAP model has `cameras.bin` and `images.bin`, or both as `.txt`",
+    };
+    NodeError::new(what).at("path").hint(hint)
 }

@@ -103,10 +103,16 @@ pub fn read(
                 .filter(|(_, v)| v[0].get("c2w_opencv").or(v[0].get("c2w_opengl")).is_some())
                 .map(|(name, _)| name.as_str())
                 .collect();
-            Err(Error::format(
-                file,
-                format!("has no list `{list}` of cameras; its lists are [{}]", lists.join(", ")),
-            ))
+            if json.get("t_00").is_some() {
+                let what =
+                    "one camera of a raw Polycam capture; convert the capture with `ns-process-data polycam`";
+                return Err(Error::unsupported(file, what));
+            }
+            let others = match lists.as_slice() {
+                [] => "no list of the file holds cameras of lightharmony's own format".to_owned(),
+                lists => format!("lists of cameras in the file: {}", lists.join(", ")),
+            };
+            Err(Error::format(file, format!("has no list `{list}` of cameras; {others}")))
         }
     }
 }

@@ -56,7 +56,7 @@ engine::outputs! {
 
 impl Kind for LoadPhotos {
     const NAME: &'static str = "load-photos";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     const FOLDERS: bool = true;
     type Params = Self;
     type In = In;

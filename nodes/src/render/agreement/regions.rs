@@ -11,6 +11,9 @@ const APART: f64 = 0.12;
 /// Maximum distance outside the bounding box of the mesh at which a surface can still count as missing, as a share
 /// of the distance from the eye to the surface.
 const MARGIN: f64 = 0.02;
+/// Depth of the mesh, as a multiple of the depth of the near plane, up to which splats at the same place may be cut by
+/// the near plane.
+const CLIPPED: f64 = 1.5;
 /// A part of the mesh counts as floating if the mesh next to it is farther away along at least this share of its
 /// outline.
 const FLOATS: f64 = 0.65;
@@ -136,7 +139,9 @@ pub(super) fn debris(
                 own < splats * (1.0 - APART)
                     && (splats - own) * stretch > (2.0 * tolerance * far).max(1.5 * spots.grain)
             };
-            own.is_finite() && ((sight.clear[pixel] && before()) || sight.empty[pixel])
+            // Splats before the near plane are not drawn, so nothing is known about the mesh there.
+            let is_drawn = own > CLIPPED * sight.near;
+            own.is_finite() && is_drawn && ((sight.clear[pixel] && before()) || sight.empty[pixel])
         };
         let marked: Vec<bool> = (0..mesh.len()).map(in_front).collect();
         let (width, height) = sight.size();

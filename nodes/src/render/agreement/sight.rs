@@ -36,6 +36,8 @@ pub(super) struct Sight {
     pub clear: Vec<bool>,
     /// True for each pixel that hardly any splats cover.
     pub empty: Vec<bool>,
+    /// Distance from the eye to the near plane, in world units. Splats that are nearer are not drawn.
+    pub near: f64,
 }
 
 /// Returns a camera with the same view, whose picture is at most [`WANTED_PX`] pixels wide and high.
@@ -117,6 +119,7 @@ impl Sight {
             depth,
             camera,
             wanted,
+            near,
         })
     }
 

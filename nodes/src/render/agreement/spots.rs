@@ -285,7 +285,9 @@ fn size(splats: &Splats, sights: &[Sight], limit: f64) -> f64 {
     median(seen.map(middle).collect()).unwrap_or_default()
 }
 
-/// Agreement of a point with a surface whose distance is `off` times the tolerance.
+/// Agreement of a point with a surface, 0 to 1. `off` is the signed distance from the surface, divided by the
+/// tolerance.
 pub(super) fn kernel(off: f64) -> f64 {
-    if off < 1.0 { (1.0 - off * off) * (1.0 - off * off) } else { 0.0 }
+    let rest = (1.0 - off * off).max(0.0);
+    rest * rest
 }

@@ -317,3 +317,14 @@ fn cameras_and_splats_that_are_elsewhere_are_named() {
     let best = result.best.unwrap_or_else(|| panic!("{result:?}"));
     assert!(best.likely == Likely::Splats && (best.by.scale / 0.02 - 1.0).abs() < 0.04, "{best:?}");
 }
+
+/// Points on both sides of a surface agree alike, and points beyond the tolerance do not agree. An earlier version
+/// gave points behind the surface an agreement above 1.
+#[test]
+fn the_agreement_of_a_point_is_symmetric_and_bounded() {
+    for off in [0.0, 0.3, 0.99, 1.0, 1.5, 3.0] {
+        let both = [off, -off].map(super::spots::kernel);
+        assert_eq!(both[0], both[1]);
+        assert!(if off < 1.0 { both[0] > 0.0 && both[0] <= 1.0 } else { both[0] == 0.0 }, "{off}: {both:?}");
+    }
+}
