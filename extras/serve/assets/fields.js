@@ -22,6 +22,12 @@ function ron(value, whole) {
   return /[.e]/.test(text) ? text : `${text}.0`;
 }
 
+// A number in RON with at most `digits` digits behind the point.
+export function decimal(value, digits) {
+  const text = String(Number(value.toFixed(digits)) || 0);
+  return /[.e]/.test(text) ? text : `${text}.0`;
+}
+
 // Maps a slider from 0 to 1000 to the values of a number, by its range.
 export function scale(range, value, whole, unit) {
   const [low, high] = range ?? [-Infinity, Infinity];
@@ -52,7 +58,7 @@ export function field(param, value, edit, fixed) {
   const why = fixed ?? (param.is_path ? "Paths are edited in the text." : follows ? `The value comes from ${follows[1]}(..); edit it in the text.` : null);
   const head = el("div", { class: "head" }, el("b", {}, param.name),
     param.unit && el("span", { class: "unit" }, param.unit),
-    param.range && Math.max(...param.range.map(Math.abs)) < 1e6 && el("span", { class: "unit" }, `${number(param.range[0])} to ${number(param.range[1])}`),
+    param.range && Math.max(...param.range.map(Math.abs)) <= 1e4 && el("span", { class: "unit" }, `${number(param.range[0])} to ${number(param.range[1])}`),
     value.text === null && el("span", { class: "unit" }, "default"));
   if (value.text !== null && param.default !== null && !why) {
     head.append(el("span", { class: "space" }), el("button", {

@@ -81,6 +81,23 @@ export function Lines(canvas) {
     text(one.name, tip[0] + 7, tip[1] - 6, colour);
   }
 
+  // A camera of a rig with many: a point, whose frustum and name are shown when the pointer is there.
+  function spot(one, index) {
+    const at = view.project(column(one.matrix, 3));
+    if (!at) return;
+    pen.beginPath(); pen.arc(at[0], at[1], 2.5, 0, 7); pen.fillStyle = COLOURS.dim; pen.fill(); pen.strokeStyle = "#000a"; pen.lineWidth = 1; pen.stroke();
+    hits.push({ kind: "camera", index, points: [at, at] });
+  }
+
+  // An object that can be chosen: its name, and a point where it stands.
+  function tag(name, index, foot) {
+    const at = view.project(foot);
+    if (!at) return;
+    pen.beginPath(); pen.arc(at[0], at[1], 5, 0, 7); pen.fillStyle = "#fff8"; pen.fill(); pen.strokeStyle = "#000a"; pen.lineWidth = 1.5; pen.stroke();
+    text(name, at[0] + 9, at[1] + 4);
+    hits.push({ kind: "tag", index, points: [at, at] });
+  }
+
   function probe(one, radius) {
     const centre = view.project(one.eye);
     if (!centre) return;
@@ -160,13 +177,13 @@ export function Lines(canvas) {
       let away = Infinity;
       for (let i = 1; i < one.points.length; i += 1) away = Math.min(away, toSegment(p, one.points[i - 1], one.points[i]));
       // Smaller parts come first.
-      const rank = away - (one.kind === "scale" ? 3 : one.kind === "ring" ? -2 : 0);
+      const rank = away - (one.kind === "scale" ? 3 : ["ring", "camera", "tag"].includes(one.kind) ? -2 : 0);
       if (away < NEAR && rank < (best?.rank ?? Infinity)) best = { ...one, rank };
     }
     return best;
   }
 
-  return { begin, mask, camera, probe, gizmo, contact, mark, triad, hit };
+  return { begin, mask, camera, spot, tag, probe, gizmo, contact, mark, triad, hit };
 }
 
 // The place along the line through `centre` in the direction `axis` that is nearest to a ray, as a length.

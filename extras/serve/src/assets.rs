@@ -1,7 +1,7 @@
 //! The files of the page. They contain nothing private.
 
 /// Path, type and content of each file.
-const FILES: [(&str, &str, &str); 14] = [
+const FILES: [(&str, &str, &str); 20] = [
     ("/", "text/html; charset=utf-8", include_str!("../assets/page.html")),
     ("/assets/page.css", "text/css; charset=utf-8", include_str!("../assets/page.css")),
     ("/assets/page.js", SCRIPT, include_str!("../assets/page.js")),
@@ -13,6 +13,12 @@ const FILES: [(&str, &str, &str); 14] = [
     ("/assets/shader.js", SCRIPT, include_str!("../assets/shader.js")),
     ("/assets/text.js", SCRIPT, include_str!("../assets/text.js")),
     ("/assets/place.js", SCRIPT, include_str!("../assets/place.js")),
+    ("/assets/stage.js", SCRIPT, include_str!("../assets/stage.js")),
+    ("/assets/gaze.js", SCRIPT, include_str!("../assets/gaze.js")),
+    ("/assets/ground.js", SCRIPT, include_str!("../assets/ground.js")),
+    ("/assets/things.js", SCRIPT, include_str!("../assets/things.js")),
+    ("/assets/pointer.js", SCRIPT, include_str!("../assets/pointer.js")),
+    ("/assets/starter.js", SCRIPT, include_str!("../assets/starter.js")),
     ("/assets/space.js", SCRIPT, include_str!("../assets/space.js")),
     ("/assets/solid.js", SCRIPT, include_str!("../assets/solid.js")),
     ("/assets/gizmo.js", SCRIPT, include_str!("../assets/gizmo.js")),
@@ -33,7 +39,9 @@ mod tests {
     fn the_page_is_small_and_needs_no_network() {
         // The code of the place view is loaded only when it is opened.
         let is_later = |path: &str| {
-            ["place", "space", "solid", "gizmo"].iter().any(|name| path.contains(&format!("/{name}.js")))
+            ["place", "stage", "gaze", "ground", "things", "pointer", "starter", "space", "solid", "gizmo"]
+                .iter()
+                .any(|name| path.contains(&format!("/{name}.js")))
         };
         let bytes = |later: bool| -> usize {
             FILES.iter().filter(|(path, ..)| is_later(path) == later).map(|(.., content)| content.len()).sum()
