@@ -159,6 +159,15 @@ export function Lines(canvas) {
     pen.beginPath(); pen.arc(at[0], at[1], 4, 0, 7); pen.strokeStyle = "#000a"; pen.lineWidth = 3; pen.stroke(); pen.strokeStyle = "#fff"; pen.lineWidth = 1.5; pen.stroke();
   }
 
+  // Measured points, and the distance between them in words.
+  function ruler(points, words) {
+    points.forEach(mark);
+    const ends = points.map((p) => view.project(p));
+    if (ends.length < 2 || !ends.every(Boolean)) return;
+    stroke(ends, "#fff", 2);
+    text(words, (ends[0][0] + ends[1][0]) / 2 + 8, (ends[0][1] + ends[1][1]) / 2 - 6);
+  }
+
   // The axes of the world in the corner.
   function triad() {
     const [right, down] = view.axes();
@@ -183,7 +192,7 @@ export function Lines(canvas) {
     return best;
   }
 
-  return { begin, mask, camera, spot, tag, probe, gizmo, contact, mark, triad, hit };
+  return { begin, mask, camera, spot, tag, probe, gizmo, contact, mark, ruler, triad, hit };
 }
 
 // The place along the line through `centre` in the direction `axis` that is nearest to a ray, as a length.

@@ -1,7 +1,8 @@
 // The place view: the captured place in three dimensions, in which objects and cameras are placed by hand.
-import { $, framed } from "./dom.js";
+import { $, framed, number } from "./dom.js";
 import { FLIGHT, Gaze } from "./gaze.js";
 import { Lines } from "./gizmo.js";
+import { Measure } from "./measure.js";
 import { Pointer } from "./pointer.js";
 import { Solid } from "./solid.js";
 import { column, distance, dot, length, mul, sub, unit } from "./space.js";
@@ -19,7 +20,7 @@ export function Place(page) {
   const solid = Solid($("solid"));
   if (solid.failure) {
     $("space-note").textContent = solid.failure;
-    return { open() {}, changed() {}, redraw() {}, key: () => false };
+    return { open() {}, changed() {}, pictured() {}, key: () => false };
   }
   const lines = Lines($("lines"));
   const redraw = framed(draw);
@@ -28,6 +29,7 @@ export function Place(page) {
   const gaze = Gaze(stage, things, coarse);
   const pointer = Pointer(stage, things, gaze, lines, coarse);
   const starter = Starter(stage, things, pointer);
+  const measure = Measure(stage, things, pointer);
 
   // ---- keys
 
@@ -58,10 +60,10 @@ export function Place(page) {
       pageup: () => move(scene.up, reach), pagedown: () => move(scene.up, -reach),
       ",": () => things.step({ radians: Math.PI / 36 }), ".": () => things.step({ radians: -Math.PI / 36 }),
       g: things.drop, x: pointer.placeByClick, c: () => gaze.look(next(scene.cameras, Number($("place-view").value || -1))),
-      n: () => pointer.select(next(scene.objects, stage.selected)),
+      m: measure.begin, n: () => pointer.select(next(scene.objects, stage.selected)),
       0: gaze.above, f: gaze.toObject, o: () => onion($("place-onion").value > 0 ? 0 : 1), enter: gaze.set,
       "+": () => dolly(0.8), "-": () => dolly(1.25),
-      escape: () => { if (stage.drag?.start) things.cancel(); else if (!things.unstep()) pointer.wait(null); },
+      escape: () => { if (stage.drag?.start) things.cancel(); else if (!things.unstep()) { pointer.wait(null); measure.leave(); } },
     }[name];
     if (!action) return false;
     action();
@@ -117,6 +119,7 @@ export function Place(page) {
     });
     scene.probes.forEach((one) => lines.probe(one, 0.04 * radius));
     lines.mark(stage.spot);
+    lines.ruler(stage.ruler, stage.ruler.length === 2 ? `${number(distance(...stage.ruler) * scene.metres_per_unit)} m` : "");
     if (scene.objects.length > 1) scene.objects.forEach((one, index) => { if (index !== stage.selected) lines.tag(one.node, index, things.foot(one, stage.matrix(one))); });
     const one = stage.object();
     if (!one || things.fixed(one)) return;
@@ -183,5 +186,5 @@ export function Place(page) {
     }, 60);
   }
 
-  return { open: () => { stage.load().then(things.position); box.focus({ preventScroll: true }); }, changed, key, redraw };
+  return { open: () => { stage.load().then(things.position); box.focus({ preventScroll: true }); }, changed, key, pictured: () => { if (stage.view && !pane.hidden) overlay(); } };
 }

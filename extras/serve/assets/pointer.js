@@ -78,7 +78,7 @@ export function Pointer(stage, things, gaze, lines, moving) {
   }
 
   box.addEventListener("pointerdown", (event) => {
-    if (!stage.scene || event.target.closest("#start")) return;
+    if (!stage.scene || event.target.closest("#start, #ruler")) return;
     box.focus({ preventScroll: true });
     stage.looked = true;
     const p = where(event);
@@ -173,11 +173,11 @@ export function Pointer(stage, things, gaze, lines, moving) {
     redraw();
   }, { passive: false });
 
-  // Makes the next click on the place call `tool` with the point of the pane; null ends that.
-  function wait(tool) {
+  // Makes the next clicks on the place call `tool` with the point of the pane; null ends that.
+  function wait(tool, words = "Click where the object shall stand. Escape: leave.") {
     stage.tool = tool;
-    $("place-click").setAttribute("aria-pressed", String(Boolean(tool)));
-    note(tool ? "Click where the object shall stand. Escape: leave." : "");
+    for (const id of ["place-click", "place-measure"]) $(id).setAttribute("aria-pressed", "false");
+    note(tool ? words : "");
     box.style.cursor = tool ? "crosshair" : "grab";
   }
 
@@ -185,10 +185,11 @@ export function Pointer(stage, things, gaze, lines, moving) {
     if (stage.tool) return wait(null);
     const why = things.fixed(stage.object());
     if (why) return note(why);
-    return wait((p) => {
+    wait((p) => {
       const start = things.grab(stage.object());
       things.onto(start, [stage.view.eye, stage.view.ray(...p)], () => { wait(null); things.commit(start); });
     });
+    return $("place-click").setAttribute("aria-pressed", "true");
   }
 
   return { wait, placeByClick, select, hot: () => hot };

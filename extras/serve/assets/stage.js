@@ -19,6 +19,8 @@ export function Stage({ page, solid, redraw, arrived, settled }) {
     selected: 0,
     // The object while it is moved: its matrix, until the results of the edit are there.
     override: null,
+    // Points whose distance is measured.
+    ruler: [],
     // A point of the ground that is marked.
     spot: null,
     // A drag, and a tool that waits for a click.
@@ -51,13 +53,22 @@ export function Stage({ page, solid, redraw, arrived, settled }) {
   };
 
   let loading = null;
+  // The description of the place that was taken last.
+  let taken = "";
   async function load() {
     if (loading) { loading.again = true; return; }
     loading = {};
     try {
       const next = await json("/place");
-      if (next) await take(next);
+      // Many events of a run change nothing here; a frame of the place costs more than a comparison.
+      const signature = JSON.stringify([next, page.along()]);
+      if (next && (signature !== taken || stage.override || stage.follow)) {
+        taken = signature;
+        await take(next);
+      }
+      missing();
     } catch (error) {
+      taken = "";
       page.notify(error.message);
     }
     const { again } = loading;
@@ -102,11 +113,11 @@ export function Stage({ page, solid, redraw, arrived, settled }) {
     tidy();
     settled();
     redraw();
-    missing();
   }
 
   function missing() {
     const { scene } = stage;
+    if (!scene) return;
     const node = page.graph().nodes?.find((one) => one.kind === "Place" && !page.state().nodes[one.id]?.outputs.length);
     if (!scene.splats.length) stage.note("The graph has no splats yet.");
     else if (node) stage.note(`\`${node.id}\` has no result yet, so its object is not shown.`);

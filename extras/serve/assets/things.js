@@ -1,6 +1,7 @@
 // The objects of the place view: where they stand, and the edits that move them.
 import { $, number } from "./dom.js";
 import { decimal, entries } from "./fields.js";
+import { keyed, placeOf, tracked } from "./track.js";
 import { Ground } from "./ground.js";
 import { add, column, dot, length, moved, mul, point, sub } from "./space.js";
 
@@ -58,14 +59,21 @@ export function Things(stage) {
   function editOf(start, { radians = 0, k = 1, way = [0, 0, 0] }) {
     const { node, vector, yaw, scale } = start.pose;
     const parts = [];
+    // A value with keys along an axis gets a key at the place that is shown.
+    const along = (field, value) => {
+      const track = tracked(node.values[field]?.text);
+      const place = track && placeOf(node.id, track.axis);
+      return place ? keyed(track, place, value) : value;
+    };
     if (length(way) > 0) {
       const next = add(vector, way).map((v) => decimal(v, stage.decimals()));
       const text = node.values.translation?.text;
-      if (!text || entries(text)) parts.push({ field: "translation", at: [], value: `(${next.join(", ")})` });
+      if (tracked(text)) parts.push({ field: "translation", at: [], value: along("translation", `(${next.join(", ")})`) });
+      else if (!text || entries(text)) parts.push({ field: "translation", at: [], value: `(${next.join(", ")})` });
       else next.forEach((value, i) => { if (way[i]) parts.push({ field: "translation", at: [i], value }); });
     }
-    if (radians) parts.push({ field: "yaw_deg", at: [], value: decimal(wrapped(yaw + degrees(radians)), 1) });
-    if (k !== 1) parts.push({ field: "scale", at: [], value: decimal(scale * k, Math.max(0, 3 - Math.floor(Math.log10(Math.abs(scale * k))))) });
+    if (radians) parts.push({ field: "yaw_deg", at: [], value: along("yaw_deg", decimal(wrapped(yaw + degrees(radians)), 1)) });
+    if (k !== 1) parts.push({ field: "scale", at: [], value: along("scale", decimal(scale * k, Math.max(0, 3 - Math.floor(Math.log10(Math.abs(scale * k)))))) });
     if (!parts.length) return null;
     const [first, ...also] = parts;
     return { node: node.in_file, ...first, also };
