@@ -90,7 +90,7 @@ export function Trade(page, edits, outputs) {
         parts.push(svg("line", { class: "grid", x1: LEFT, x2: WIDTH - 16, y1: at, y2: at }), svg("text", { class: "tick", x: LEFT - 6, y: at + 4, "text-anchor": "end" }, number(Number(value.toPrecision(2)))));
       }
     }
-    for (let i = 0; i <= 4; i += 1) parts.push(svg("text", { class: "tick", x: x((end * i) / 4), y: HEIGHT - BOTTOM + 16, "text-anchor": "middle" }, seconds((end * i) / 4)));
+    for (let i = 0; i <= 4; i += 1) parts.push(svg("text", { class: "tick", x: x((end * i) / 4), y: HEIGHT - BOTTOM + 16, "text-anchor": i < 4 ? "middle" : "end" }, i ? seconds((end * i) / 4) : "0"));
     parts.push(svg("text", { class: "tick", x: (LEFT + WIDTH) / 2, y: HEIGHT - 4, "text-anchor": "middle" }, "time since the start of the run"),
       svg("text", { class: "tick", x: 12, y: (HEIGHT - BOTTOM) / 2, "text-anchor": "middle", transform: `rotate(-90 12 ${(HEIGHT - BOTTOM) / 2})` }, "mean FLIP"),
       svg("polyline", { class: "curve", points: compared.map((one) => `${x(one.seconds)},${y(one.flip)}`).join(" ") }),
