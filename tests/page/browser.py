@@ -853,7 +853,7 @@ def trades(b, p):
     until(lambda: b.count("#trade-chart .point") >= 1, "the previews are compared with the result", 60)
     check("samples" in b.text("#trade-chart details"), "the numbers are there")
     until(lambda: "trace.samples" in b.text("#trade-presets"), "the parameters are there")
-    check("clipped pixels" in b.text("#trade-skips") and "surroundings" in b.text("#trade-model"), "checks and decisions are there")
+    until(lambda: "clipped pixels" in b.text("#trade-skips") and "surroundings" in b.text("#trade-model"), "checks and decisions are there")
     press = lambda label, index: b.js("[...document.querySelectorAll('#trade-presets button')].filter((one) => one.textContent === arguments[0])[arguments[1]].click()", label, index)
     press("Try", 0)
     until(lambda: "trying a value" in b.text("#status"), "the values of draft are tried")

@@ -64,7 +64,7 @@ function status() {
   const line = !connected ? "not connected; waiting for `lightharmony watch --serve`"
     : failed ? `${problem ?? `${mistakes.length} mistake${mistakes.length > 1 ? "s" : ""}`}; the last good result is shown`
     : running ? [pass ? `preview: ${pass.level} of ${pass.of} ${pass.parameter}${pass.coarse > 1 ? `, blocks of ${pass.coarse} px` : ""}` : "running",
-      plan?.open ? `${plan.open} nodes, about ${seconds(plan.seconds)}` : ""].filter(Boolean).join("; ")
+      plan?.open ? `${plan.open} nodes, ${plan.untimed ? `${plan.untimed} of them never timed` : `about ${seconds(plan.seconds)}`}` : ""].filter(Boolean).join("; ")
     : done ? `up to date; ${done.ran} ran, ${done.cached} cached, ${seconds(done.seconds)}, at ${clock(done.at)}` : "up to date";
   $("status").textContent = line + (history.tried?.length ? "; trying a value" : "");
   $("status").className = failed || !connected ? "failed" : running ? "running" : "";

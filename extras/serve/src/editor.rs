@@ -153,6 +153,14 @@ impl Editor {
         })
     }
 
+    /// The graph of the current text, without trial values and without settings of the command line.
+    ///
+    /// # Errors
+    /// [`Refused`] if the text cannot be read or has mistakes.
+    pub fn own_graph(&self, graph: &Graph) -> Result<Graph, Refused> {
+        parsed(graph, &self.text()?)
+    }
+
     /// Applies an edit to the current text, without writing it. `graph` is the graph that the client has seen; `tried`
     /// lists the fields of the node for which this graph has a trial value.
     ///

@@ -245,6 +245,11 @@ impl Live {
         })
     }
 
+    /// The graph of the text, without trial values. `graph` is the graph that the page shows.
+    pub fn own_graph(&self, graph: &Graph) -> Result<Graph, Refused> {
+        lock(&self.editor).own_graph(graph)
+    }
+
     /// Applies an edit to the file.
     pub fn set(&self, edit: &Edit) -> Result<Value, Refused> {
         let (graph, tried) = (self.graph()?, self.tried_of(&edit.node));

@@ -63,7 +63,8 @@ impl Live {
         let level = PRESETS.iter().position(|name| *name == choice.preset);
         let level = level.ok_or_else(|| fixed(format!("there is no preset `{}`", choice.preset)))?;
         let graph = self.graph()?;
-        let rows = self.rows(&graph, &[])?;
+        // Values that are tried now do not count, since they are replaced.
+        let rows = self.rows(&self.own_graph(&graph)?, &[])?;
         let value = |row: &KnobRow| {
             let value =
                 row.levels[level].clone().filter(|value| !row.knob.varies && *value != row.knob.value)?;
