@@ -1,13 +1,15 @@
 #!/usr/bin/env python3
 """Tests of the live page in a real browser: Chromium, without a window, driven by chromedriver over plain WebDriver.
 
-    tests/page/browser.py [--shots DIR] [--only NAME].. [PROGRAM]
+    tests/page/browser.py [--shots DIR] [--only NAME].. [--firefox] [PROGRAM]
 
 PROGRAM is a `lightharmony` with the feature `serve` [default: target/release/lightharmony]. On Debian:
 `apt-get install --no-install-recommends chromium chromium-driver`. Needs nothing beyond the standard library. `--shots`
-writes a screenshot after each scenario. Exit code 0 if all scenarios pass, 77 if there is no browser.
+writes a screenshot after each scenario. `--firefox` runs a part of the scenarios in Firefox; on Debian: `apt-get install
+--no-install-recommends firefox-esr xvfb libgl1-mesa-dri libegl1`. Exit code 0 if all scenarios pass, 77 if there is no
+browser.
 """
-import argparse, base64, contextlib, http.server, json, math, pathlib, random, re, shutil, signal, socket, struct, subprocess, sys, tempfile
+import argparse, base64, contextlib, http.server, json, math, os, pathlib, random, re, shutil, signal, socket, struct, subprocess, sys, tempfile
 import threading, time, urllib.error, urllib.request
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
@@ -148,6 +150,78 @@ class Browser:
             self.at("DELETE", "")
         self.driver.kill()
         self.driver.wait()
+
+
+class Firefox(Browser):
+    """The same in Firefox, without geckodriver: commands go over Marionette, the protocol that geckodriver speaks to it."""
+
+    # Marionette's name of each command of WebDriver that is used here.
+    COMMANDS = {"/url": "Navigate", "/execute/sync": "ExecuteScript", "/execute/async": "ExecuteAsyncScript", "/element": "FindElement",
+                "/actions": "PerformActions", "/screenshot": "TakeScreenshot"}
+
+    def __init__(self, size=(1440, 900)):
+        self.port, self.number, self.profile = free_port(), 0, tempfile.TemporaryDirectory()
+        # WebGL in software needs a display.
+        read, write = os.pipe()
+        self.screen = subprocess.Popen(["Xvfb", "-displayfd", str(write), "-screen", "0", "1600x1000x24"], pass_fds=[write], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        os.close(write)
+        with os.fdopen(read) as display:
+            environment = {**os.environ, "DISPLAY": f":{display.readline().strip()}"}
+        prefs = {"marionette.port": self.port, "webgl.force-enabled": True, "webgl.disabled": False, "browser.shell.checkDefaultBrowser": False,
+                 "datareporting.policy.dataSubmissionEnabled": False, "app.update.enabled": False, "network.captive-portal-service.enabled": False}
+        lines = "".join(f"user_pref({json.dumps(name)}, {json.dumps(value)});\n" for name, value in prefs.items())
+        (pathlib.Path(self.profile.name) / "user.js").write_text(lines)
+        command = ["firefox-esr", "--headless", "--marionette", "--no-remote", "--profile", self.profile.name, "--window-size", f"{size[0]},{size[1]}"]
+        self.driver = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment)
+        self.socket = None
+        until(self.connect, "Firefox starts", 60)
+        self.command("WebDriver:NewSession", {})
+        for _ in range(2):
+            inner = self.js("return [innerWidth, innerHeight, outerWidth, outerHeight]")
+            self.command("WebDriver:SetWindowRect", {"width": size[0] + inner[2] - inner[0], "height": size[1] + inner[3] - inner[1]})
+
+    def connect(self):
+        self.socket = socket.create_connection(("127.0.0.1", self.port), 60)
+        self.receive()
+        return True
+
+    def receive(self):
+        """A message: the length of its text, a colon, the text."""
+        length = b""
+        while not length.endswith(b":"):
+            length += self.socket.recv(1) or b":"
+        text, left = b"", int(length[:-1])
+        while len(text) < left:
+            text += self.socket.recv(left - len(text))
+        return json.loads(text)
+
+    def command(self, name, body):
+        self.number += 1
+        text = json.dumps([0, self.number, name, body]).encode()
+        self.socket.sendall(str(len(text)).encode() + b":" + text)
+        _, _, error, result = self.receive()
+        if error:
+            raise RuntimeError(error["message"])
+        return result["value"] if isinstance(result, dict) and set(result) == {"value"} else result
+
+    def at(self, method, path, body=None):
+        element = re.fullmatch(r"/element/([^/]+)/(click|value)", path)
+        if element:
+            name = {"click": "WebDriver:ElementClick", "value": "WebDriver:ElementSendKeys"}[element[2]]
+            return self.command(name, {"id": element[1], **body})
+        if path == "/se/log":
+            return []
+        if path == "/screenshot":
+            body = {"full": False}
+        return self.command(f"WebDriver:{self.COMMANDS[path]}", body)
+
+    def close(self):
+        with contextlib.suppress(Exception):
+            self.socket.close()
+        for process in (self.driver, self.screen):
+            process.kill()
+            process.wait()
+        self.profile.cleanup()
 
 
 class Place:
@@ -345,6 +419,9 @@ def pictures(b, p):
     time.sleep(0.3)
     at = lambda: b.pixel(0.5, 0.45)[:3]
     plain = at()
+    until(lambda: b.count("#marks circle:not(.edge)") >= 1, "the lights are marked")
+    check("irradiance on a plane that faces it" in b.text("#marks circle title"), "with their strength")
+    b.click("#lights")
     b.click("#sphere")
     x, y, w, h = b.box("#view")
     b.drag((x + w / 2, y + h / 2), (x + w / 2 + 150, y + h / 2 + 80))
@@ -394,7 +471,24 @@ def compares(b, p):
     b.keys("d")
     until(lambda: b.js("return document.getElementById('mode').value") == "3", "difference")
     check(any(sum(c[:3]) > 0 for c in colours()), "the difference is not black")
+    until(lambda: b.text("#measures").startswith("A against B: FLIP 0."), f"the measures: {b.text('#measures')}")
+    b.keys("l")
+    until(lambda: b.js("return document.getElementById('mode').value") == "4", "FLIP")
+    check(any(sum(c[:3]) > 0 for c in colours()), "FLIP is not black")
+    # The page's own picture as a file: it differs from the result only by its encoding in 8 bits.
+    png = b.at("POST", "/execute/async", {"script": """const done = arguments[0]; (async () => {
+        const state = await new Promise((go) => { const e = new EventSource('/events'); e.onmessage = (m) => { const d = JSON.parse(m.data); if (d.event === 'state') { e.close(); go(d); } }; });
+        const digest = state.nodes.final.outputs.find((one) => one.port === 'image').digest;
+        const bytes = new Uint8Array(await (await fetch(`/value/${digest}/0.png`)).arrayBuffer());
+        done(btoa(Array.from(bytes, (byte) => String.fromCharCode(byte)).join(''))); })()""", "args": []})
+    (p.path / "truth.png").write_bytes(base64.b64decode(png))
+    b.js("document.getElementById('other').dispatchEvent(new PointerEvent('pointerenter'))")
+    until(lambda: "truth.png" in b.text("#other optgroup[label=Files]"), "the file is offered")
+    b.js("const s = document.getElementById('other'); s.value = [...s.querySelectorAll('optgroup[label=Files] option')].find((o) => o.textContent === 'truth.png').value; s.dispatchEvent(new Event('change'))")
+    until(lambda: b.text("#label-b") == "B: truth.png" and b.text("#measures").startswith("A against B: FLIP 0 "), f"equal to the file: {b.text('#measures')}")
+    b.js("const s = document.getElementById('other'); s.value = [...s.querySelectorAll('optgroup[label=History] option')].at(-1).value; s.dispatchEvent(new Event('change'))")
     b.keys("s")
+    until(lambda: b.js("return !document.getElementById('split').hidden"), "the slider is back")
     x, y, w, h = b.box("#split")
     b.drag((x + w / 2, y + h / 2), (x - 150, y + h / 2))
     check(b.box("#split")[0] < x - 100, "the slider moves")
@@ -501,6 +595,7 @@ def place(b, p, graph=PLACE):
     b.click("#tab-place")
     until(lambda: "splats" in b.text("#splat-count"), "the splats are there")
     until(lambda: solid(b, 0.5, 0.5)[3] > 200, "the place is drawn")
+    until(lambda: b.js("return document.getElementById('place-view').value") != "", "the view is that of a camera")
 
 
 def solid(b, x, y):
@@ -618,6 +713,27 @@ def click(b, x, y):
         {"type": "pointerMove", "duration": 0, "x": round(x), "y": round(y), "origin": "viewport"}, {"type": "pointerDown", "button": 0}, {"type": "pointerUp", "button": 0}]}]})
 
 
+def measures(b, p):
+    """Two clicks measure a distance, and its true length sets the scale of the place."""
+    place(b, p)
+    before, lens = p.text(), Lens(b)
+    b.click("#place-measure")
+    ends = (0.95, -0.55, 0.0), (0.95, -1.05, 0.0)
+    for end in ends:
+        note = b.text("#space-note")
+        click(b, *lens.at(end))
+        until(lambda: b.text("#space-note") != note, "the click is answered")
+    until(lambda: b.js("return !document.getElementById('ruler').hidden"), "the distance is shown")
+    length = float(b.js("return document.getElementById('ruler-length').value"))
+    check(abs(length - math.dist(*ends)) < 0.1, f"the distance: {length}")
+    b.type("#ruler-length", str(2 * length))
+    until(lambda: p.text() != before, "the scale is written")
+    scale = re.search(r"metres_per_unit: ([\d.]+)", p.text())[1]
+    check(abs(float(scale) - 2) < 0.002 and p.text() == before.replace("metres_per_unit: 1.0", f"metres_per_unit: {scale}"), f"only the scale: {scale}")
+    check(b.js("return document.getElementById('ruler').hidden"), "the panel is gone")
+    ready(b)
+
+
 def looks_through(b, p):
     """The view is moved, the camera of the graph follows by one edit, and the picture lies over its view."""
     place(b, p)
@@ -659,6 +775,103 @@ def scrubs(b, p):
     until(lambda: b.js("return document.getElementById('output').value") == "final/turn=80.0.image", "the picture at 80 degrees")
     b.click("#tab-place")
     until(lambda: "placed/turn=80.0 at" in b.text("#place-position"), "the object at 80 degrees")
+
+
+TWO = PLACE.replace("        probe:  ", """        second: Pose(translation: (0.3, -0.3, 0.44), yaw_deg: 10.0, scale: 0.6),
+        other:  Place(object: "demo.object", pose: "second"),
+        probe:  """).replace('["placed"]', '["placed", "other"]')
+
+
+def chooses(b, p):
+    """Of two objects, the one that is clicked, or chosen by a key, is moved."""
+    place(b, p, TWO)
+    until(lambda: b.js("return !document.getElementById('place-object-label').hidden"), "the objects are offered")
+    name = lambda: b.js("const s = document.getElementById('place-object'); return s.options[s.selectedIndex].textContent")
+    lens, before = Lens(b), p.text()
+    first = name()
+    other = {"placed": "other", "other": "placed"}[first]
+    click(b, *lens.at((0.3, -0.3, 0.44) if other == "other" else FOOT))
+    until(lambda: name() == other, f"the other object is chosen: {name()}")
+    until(lambda: b.text("#place-position").startswith(f"{other} at"), "its place is shown")
+    line = {"placed": "pose: ", "other": "second: "}
+    for chosen, key in ((other, None), (first, "n")):
+        if key:
+            b.keys(key)
+            until(lambda: name() == chosen, "the key chooses the next object")
+        text = p.text()
+        b.js("document.getElementById('space').focus()")
+        b.keys("\ue014")
+        until(lambda: p.text() != text, "the step is written")
+        changed = [new for old, new in zip(text.split("\n"), p.text().split("\n")) if old != new]
+        check(len(changed) == 1 and line[chosen] in changed[0], f"only {chosen} moves: {changed}")
+        ready(b)
+        p.idle()
+    check(p.text() != before, "both have moved")
+
+
+def keys(b, p):
+    """Keys of `Track` on a timeline: a number that is edited between keys becomes a key, and can be removed."""
+    graph = GRAPH.replace("    nodes: (", "    axes: (frame: Range(0, 4)),\n    nodes: (", 1).replace("yaw_deg: -24.0", 'yaw_deg: Track("frame", [(0, -24.0), (3, 66.0)])')
+    graph = graph.replace("picture.png", "p-{frame}.png").replace("samples: 8", "samples: 1")
+    place(b, p, graph)
+    b.click("#tab-picture")
+    choose(b, "pose/frame=0")
+    check(b.count('[data-field="yaw_deg"] .key') == 2, "two keys are drawn")
+    b.js("const a = document.getElementById('axis'); a.value = 1; a.dispatchEvent(new Event('input'))")
+    until(lambda: b.text("#node h2") == "pose/frame=1: Pose", "the pane follows the slider")
+    check("between keys" in b.text('[data-field="yaw_deg"]'), "there is no key here")
+    b.type('[aria-label="yaw_deg as text"]', "50.5")
+    until(lambda: p.text() == graph.replace("(0, -24.0), (3, 66.0)", "(0, -24.0), (1, 50.5), (3, 66.0)"), f"a key is written: {p.text()}")
+    until(lambda: b.count('[data-field="yaw_deg"] .key') == 3, "three keys are drawn")
+    ready(b)
+    p.idle()
+    b.js("document.querySelector('[data-field=yaw_deg] .key.here').dispatchEvent(new KeyboardEvent('keydown', { key: 'ArrowRight', bubbles: true }))")
+    until(lambda: "(0, -24.0), (2, 50.5), (3, 66.0)" in p.text(), "an arrow moves the key")
+    ready(b)
+    p.idle()
+    b.js("document.querySelectorAll('[data-field=yaw_deg] .key')[1].dispatchEvent(new KeyboardEvent('keydown', { key: 'Delete', bubbles: true }))")
+    until(lambda: p.text() == graph, "the key is removed, and the bytes are those of before")
+    ready(b)
+    p.idle()
+    # The object is turned in the place view: a key at the place that is shown.
+    b.click("#tab-place")
+    until(lambda: "placed/frame=1 at" in b.text("#place-position"), "the object at frame 1")
+    b.js("document.getElementById('space').focus()")
+    b.keys(".")
+    until(lambda: p.text() == graph.replace("(0, -24.0), (3, 66.0)", "(0, -24.0), (1, 1.0), (3, 66.0)"), f"turned by a key: {p.text()}")
+    b.js("document.activeElement.blur()")
+
+
+def trades(b, p):
+    """The trade pane: the error of the previews, presets that are tried and written, and what was left out."""
+    p.write(GRAPH.replace("width_px: 160, height_px: 120", "width_px: 240, height_px: 180").replace("samples: 8", "samples: 32"))
+    time.sleep(0.2)
+    p.idle()
+    ready(b)
+    before = p.text()
+    b.click("#tab-trade")
+    until(lambda: b.count("#trade-chart .point") >= 1, "the previews are compared with the result", 60)
+    check("samples" in b.text("#trade-chart details"), "the numbers are there")
+    until(lambda: "trace.samples" in b.text("#trade-presets"), "the parameters are there")
+    until(lambda: "clipped pixels" in b.text("#trade-skips") and "surroundings" in b.text("#trade-model"), "checks and decisions are there")
+    press = lambda label, index: b.js("[...document.querySelectorAll('#trade-presets button')].filter((one) => one.textContent === arguments[0])[arguments[1]].click()", label, index)
+    press("Try", 0)
+    until(lambda: "trying a value" in b.text("#status"), "the values of draft are tried")
+    check(p.text() == before, "the text is as it was")
+    until(lambda: b.count("#trade-back") == 1, "the way back is offered", 60)
+    b.click("#trade-back")
+    until(lambda: "trying" not in b.text("#status"), "the text counts again")
+    ready(b)
+    p.idle()
+    until(lambda: b.count("#trade-back") == 0, "nothing is tried")
+    press("Write", 0)
+    until(lambda: "samples: 4" in p.text(), "the values of draft are written")
+    ready(b)
+    p.idle()
+    until(lambda: not b.js("return document.getElementById('undo').disabled"), "undo is offered")
+    b.click("#undo")
+    until(lambda: p.text() == before, "one undo takes them back")
+    b.click("#tab-picture")
 
 
 def agrees(b, p):
@@ -802,7 +1015,10 @@ def starts(b, p):
 # Folder of screenshots, if they are wanted.
 SHOTS = None
 
-SCENARIOS = [opens, edits, drags, follows, conflicts, mistakes, pictures, compares, moves, turns, stands, looks_through, scrubs, agrees, starts, restarts, refuses]
+SCENARIOS = [opens, edits, drags, follows, conflicts, mistakes, pictures, compares, moves, turns, stands, looks_through, chooses, measures, scrubs, keys, trades, agrees, starts, restarts, refuses]
+
+# The scenarios that run in Firefox, too.
+IN_FIREFOX = [opens, edits, drags, pictures, compares, moves, looks_through]
 
 
 def main():
@@ -810,10 +1026,13 @@ def main():
     parser.add_argument("program", nargs="?", default=str(ROOT / "target/release/lightharmony"))
     parser.add_argument("--shots", type=pathlib.Path)
     parser.add_argument("--only", action="append")
+    parser.add_argument("--firefox", action="store_true")
     args = parser.parse_args()
-    if not shutil.which("chromium") or not shutil.which("chromedriver"):
-        print("there is no chromium or chromedriver here; nothing was tested")
+    needed = ["firefox-esr", "Xvfb"] if args.firefox else ["chromium", "chromedriver"]
+    if not all(map(shutil.which, needed)):
+        print(f"there is no {' or '.join(needed)} here; nothing was tested")
         return 77
+    args.only = args.only or ([scenario.__name__ for scenario in IN_FIREFOX] if args.firefox else None)
     if args.shots:
         global SHOTS
         SHOTS = args.shots
@@ -821,7 +1040,7 @@ def main():
     program, failed, begin = str(pathlib.Path(args.program).resolve()), 0, time.monotonic()
     place = Place(program)
     place.idle()
-    browser = Browser()
+    browser = Firefox() if args.firefox else Browser()
     try:
         for scenario in SCENARIOS:
             if args.only and scenario.__name__ not in args.only:

@@ -1,5 +1,6 @@
 // The parameters of a node, with editors.
 import { el, number } from "./dom.js";
+import { timeline } from "./timeline.js";
 
 const FOLLOWS = /^\s*(Axis|Track|Param)\s*\(/;
 
@@ -19,6 +20,12 @@ export function entries(text) {
 function ron(value, whole) {
   if (whole) return String(Math.round(value));
   const text = String(Number(value.toPrecision(6)));
+  return /[.e]/.test(text) ? text : `${text}.0`;
+}
+
+// A number in RON with at most `digits` digits behind the point.
+export function decimal(value, digits) {
+  const text = String(Number(value.toFixed(digits)) || 0);
   return /[.e]/.test(text) ? text : `${text}.0`;
 }
 
@@ -45,22 +52,24 @@ export function scale(range, value, whole, unit) {
   return { from: (s) => snapped(value + ((s - 500) / 500) * reach), to: (v) => 500 + ((v - value) / reach) * 500 };
 }
 
-// One field. `edit` has `set(value, at)`, `attempt(value, at)`, `revert()`, `plan(value, at)`.
-export function field(param, value, edit, fixed) {
+// One field. `edit` has `set(value, at)`, `attempt(value, at)`, `revert()`, `plan(value, at)`, and `go(axis, place)`.
+// `instances` has the name of the node and those of all its instances along axes.
+export function field(param, value, edit, fixed, instances) {
   const text = value.text ?? value.value ?? "";
   const follows = FOLLOWS.exec(text) ?? /\b(Axis|Track|Param)\s*\(/.exec(text);
-  const why = fixed ?? (param.is_path ? "Paths are edited in the text." : follows ? `The value comes from ${follows[1]}(..); edit it in the text.` : null);
+  const keys = fixed || param.is_path ? null : timeline(param, text, instances, edit, (part, at, own) => numberRow(param, part, at, false, own));
+  const why = fixed ?? (keys ? null : param.is_path ? "Paths are edited in the text." : follows ? `The value comes from ${follows[1]}(..); edit it in the text.` : null);
   const head = el("div", { class: "head" }, el("b", {}, param.name),
     param.unit && el("span", { class: "unit" }, param.unit),
-    param.range && Math.max(...param.range.map(Math.abs)) < 1e6 && el("span", { class: "unit" }, `${number(param.range[0])} to ${number(param.range[1])}`),
+    param.range && Math.max(...param.range.map(Math.abs)) <= 1e4 && el("span", { class: "unit" }, `${number(param.range[0])} to ${number(param.range[1])}`),
     value.text === null && el("span", { class: "unit" }, "default"));
-  if (value.text !== null && param.default !== null && !why) {
+  if (value.text !== null && param.default !== null && !why && !keys) {
     head.append(el("span", { class: "space" }), el("button", {
       type: "button", title: `Remove it from the text; the default is ${param.default}`, onclick: () => edit.set(null, []),
     }, "Default"));
   }
   const wrong = el("div", { class: "wrong", role: "alert" });
-  const rows = why ? [el("div", { class: "row" }, el("code", {}, text)), el("div", { class: "dim" }, why)] : editors(param, text, { ...edit, wrong });
+  const rows = why ? [el("div", { class: "row" }, el("code", {}, text)), el("div", { class: "dim" }, why)] : keys ?? editors(param, text, { ...edit, wrong });
   return el("div", { class: `field${value.text === null ? "" : " set"}`, "data-field": param.name },
     head, rows, wrong, el("details", { class: "doc" }, el("summary", {}, flowing(param.doc).split(/(?<=\.)\s/)[0]), `${flowing(param.doc)}\nType: ${param.type}`));
 }

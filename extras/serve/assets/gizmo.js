@@ -81,6 +81,23 @@ export function Lines(canvas) {
     text(one.name, tip[0] + 7, tip[1] - 6, colour);
   }
 
+  // A camera of a rig with many: a point, whose frustum and name are shown when the pointer is there.
+  function spot(one, index) {
+    const at = view.project(column(one.matrix, 3));
+    if (!at) return;
+    pen.beginPath(); pen.arc(at[0], at[1], 2.5, 0, 7); pen.fillStyle = COLOURS.dim; pen.fill(); pen.strokeStyle = "#000a"; pen.lineWidth = 1; pen.stroke();
+    hits.push({ kind: "camera", index, points: [at, at] });
+  }
+
+  // An object that can be chosen: its name, and a point where it stands.
+  function tag(name, index, foot) {
+    const at = view.project(foot);
+    if (!at) return;
+    pen.beginPath(); pen.arc(at[0], at[1], 5, 0, 7); pen.fillStyle = "#fff8"; pen.fill(); pen.strokeStyle = "#000a"; pen.lineWidth = 1.5; pen.stroke();
+    text(name, at[0] + 9, at[1] + 4);
+    hits.push({ kind: "tag", index, points: [at, at] });
+  }
+
   function probe(one, radius) {
     const centre = view.project(one.eye);
     if (!centre) return;
@@ -142,6 +159,15 @@ export function Lines(canvas) {
     pen.beginPath(); pen.arc(at[0], at[1], 4, 0, 7); pen.strokeStyle = "#000a"; pen.lineWidth = 3; pen.stroke(); pen.strokeStyle = "#fff"; pen.lineWidth = 1.5; pen.stroke();
   }
 
+  // Measured points, and the distance between them in words.
+  function ruler(points, words) {
+    points.forEach(mark);
+    const ends = points.map((p) => view.project(p));
+    if (ends.length < 2 || !ends.every(Boolean)) return;
+    stroke(ends, "#fff", 2);
+    text(words, (ends[0][0] + ends[1][0]) / 2 + 8, (ends[0][1] + ends[1][1]) / 2 - 6);
+  }
+
   // The axes of the world in the corner.
   function triad() {
     const [right, down] = view.axes();
@@ -160,13 +186,13 @@ export function Lines(canvas) {
       let away = Infinity;
       for (let i = 1; i < one.points.length; i += 1) away = Math.min(away, toSegment(p, one.points[i - 1], one.points[i]));
       // Smaller parts come first.
-      const rank = away - (one.kind === "scale" ? 3 : one.kind === "ring" ? -2 : 0);
+      const rank = away - (one.kind === "scale" ? 3 : ["ring", "camera", "tag"].includes(one.kind) ? -2 : 0);
       if (away < NEAR && rank < (best?.rank ?? Infinity)) best = { ...one, rank };
     }
     return best;
   }
 
-  return { begin, mask, camera, probe, gizmo, contact, mark, triad, hit };
+  return { begin, mask, camera, spot, tag, probe, gizmo, contact, mark, ruler, triad, hit };
 }
 
 // The place along the line through `centre` in the direction `axis` that is nearest to a ray, as a length.

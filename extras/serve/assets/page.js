@@ -1,49 +1,50 @@
 // The page: follows the events of the watch, and connects the panes.
 import { $, clock, el, seconds, show } from "./dom.js";
-import { enter, json, listen, post } from "./server.js";
+import { enter, json, listen } from "./server.js";
+import { Edits } from "./edits.js";
 import { Graph, shows } from "./graph.js";
-import { Text } from "./text.js";
-import { field, flowing } from "./fields.js";
+import { Keys } from "./keys.js";
+import { Measures } from "./measures.js";
+import { NodePane } from "./node.js";
+import { Outputs } from "./outputs.js";
 import { Picture } from "./picture.js";
+import { Text } from "./text.js";
 
-let state = { nodes: {}, mistakes: [], files: {}, warnings: [], history: { shots: [] } };
-let view = { digest: null, mistakes: [] };
-let chosen = null;
-let output = null;
+// What the panes share: the state of the run, the graph, and the chosen node.
+const page = {
+  state: { nodes: {}, mistakes: [], files: {}, warnings: [], history: { shots: [] }, refinements: [] },
+  view: { digest: null, mistakes: [] },
+  chosen: null,
+  notify,
+  attempt,
+  refresh,
+  // Shows another place along an axis.
+  go: (axis, place) => { outputs.move(axis, place); follow((id) => outputs.moved(id, axis, place)); },
+  open: (name) => choose(page.view.nodes?.find((node) => node.id === name || node.in_file === name)?.id ?? page.chosen),
+};
 let connected = false;
 
 const graph = Graph(choose);
 const text = Text();
+const edits = Edits(page, (ids) => graph.would(ids), () => nodePane.draw(true));
 const picture = Picture((side, about, error) => {
-  if (error) return side === "a" ? notify(error.message) : notify(`B: ${error.message}`);
-  if (side === "a") { layers(about); picture.tables(about.report); }
-});
-// The place view; its code is loaded when it is opened for the first time.
-let place = null;
+  if (error) notify(side === "a" ? error.message : `B: ${error.message}`);
+  else if (side === "a") { outputs.layers(about); picture.tables(about.report); }
+  lights();
+  measures.update();
+}, () => emitters?.draw());
+const outputs = Outputs(page, picture);
+const measures = Measures(page, picture);
+const nodePane = NodePane(page, edits, outputs.choose);
+// Parts whose code is loaded when they are used for the first time: the place view, the trade pane, and the marks on
+// panoramas.
+let [place, trade, emitters] = [null, null, null];
 
-// Digest of the text that an edit of the page has written, until the page has fetched the graph of this text.
-let written = null;
-
-// Sends a request that edits the text, after the ones before it. An edit is made of the text that the page shows when
-// the user makes it, or of the text that the edit before it wrote.
-let edits = Promise.resolve();
-let queued = 0;
-function change(path, data) {
-  const seen = queued ? null : written ?? view.digest;
-  queued += 1;
-  const sent = edits.then(() => send(path, data, seen)).finally(() => { queued -= 1; });
-  edits = sent.catch(() => {});
-  return sent;
-}
-
-async function send(path, data, seen) {
-  try {
-    written = (await post(path, { ...data, digest: seen ?? written ?? view.digest })).digest;
-    notify(null);
-  } catch (error) {
-    if (error.body?.code === "stale") { written = null; refresh(); }
-    throw error;
-  }
+async function lights() {
+  if (!emitters && !picture.isRound()) return;
+  const { Emitters } = await import("/assets/emitters.js");
+  emitters ??= Emitters(page, outputs, picture);
+  emitters.update();
 }
 
 // ---- notices
@@ -58,14 +59,14 @@ async function attempt(action) {
 }
 
 function status() {
-  const { pass, plan, done, running } = state;
-  const failed = state.mistakes.length + (state.problem ? 1 : 0);
+  const { pass, plan, done, running, mistakes, problem, history } = page.state;
+  const failed = mistakes.length + (problem ? 1 : 0);
   const line = !connected ? "not connected; waiting for `lightharmony watch --serve`"
-    : failed ? `${state.problem ?? `${state.mistakes.length} mistake${state.mistakes.length > 1 ? "s" : ""}`}; the last good result is shown`
+    : failed ? `${problem ?? `${mistakes.length} mistake${mistakes.length > 1 ? "s" : ""}`}; the last good result is shown`
     : running ? [pass ? `preview: ${pass.level} of ${pass.of} ${pass.parameter}${pass.coarse > 1 ? `, blocks of ${pass.coarse} px` : ""}` : "running",
-      plan?.open ? `${plan.open} nodes, about ${seconds(plan.seconds)}` : ""].filter(Boolean).join("; ")
+      plan?.open ? `${plan.open} nodes, ${plan.untimed ? `${plan.untimed} of them never timed` : `about ${seconds(plan.seconds)}`}` : ""].filter(Boolean).join("; ")
     : done ? `up to date; ${done.ran} ran, ${done.cached} cached, ${seconds(done.seconds)}, at ${clock(done.at)}` : "up to date";
-  $("status").textContent = line + (state.history.tried?.length ? "; trying a value" : "");
+  $("status").textContent = line + (history.tried?.length ? "; trying a value" : "");
   $("status").className = failed || !connected ? "failed" : running ? "running" : "";
 }
 
@@ -77,17 +78,19 @@ async function refresh() {
   if (fetching) { fetching.again = true; return; }
   fetching = {};
   await attempt(async () => {
-    view = await json("/graph");
-    if (view.digest === written) written = null;
+    page.view = await json("/graph");
+    const { view } = page;
+    edits.fetched(view.digest);
     document.title = `${view.name?.split("/").pop() ?? "graph"} · lightharmony`;
     $("name").textContent = view.name ?? "lightharmony";
-    if (!view.nodes?.some((node) => node.id === chosen)) chosen = view.nodes?.find((node) => node.kind === "Pose")?.id ?? view.nodes?.[0]?.id ?? null;
-    graph.draw(view, state.nodes);
-    graph.mark(chosen);
-    outputs();
-    nodePane();
+    if (!view.nodes?.some((node) => node.id === page.chosen)) page.chosen = view.nodes?.find((node) => node.kind === "Pose")?.id ?? view.nodes?.[0]?.id ?? null;
+    graph.draw(view, page.state.nodes);
+    graph.mark(page.chosen);
+    outputs.update();
+    nodePane.draw();
     texts();
     place?.changed();
+    trade?.changed();
     begin();
   });
   const { again } = fetching;
@@ -97,7 +100,8 @@ async function refresh() {
 
 let mistakesShown = "";
 function texts() {
-  const node = view.nodes?.find((one) => one.id === chosen);
+  const { view } = page;
+  const node = view.nodes?.find((one) => one.id === page.chosen);
   if (!$("text").hidden) text.draw(view, node?.line);
   const own = view.mistakes ?? [];
   status();
@@ -119,284 +123,83 @@ function tab(toText) {
 }
 
 function choose(id) {
-  chosen = id;
+  page.chosen = id;
   graph.mark(id);
-  nodePane();
+  nodePane.draw();
   texts();
-  const line = view.nodes.find((node) => node.id === id)?.line;
+  const line = page.view.nodes.find((node) => node.id === id)?.line;
   if (!$("text").hidden && line) text.scroll(line);
-  const first = (state.nodes[id]?.outputs ?? []).find(shows);
-  if (first) { output = `${id}.${first.port}`; outputs(); }
+  const first = (page.state.nodes[id]?.outputs ?? []).find(shows);
+  if (first) outputs.choose(`${id}.${first.port}`);
 }
 
-// ---- the pane of a node
-
-let waiting = null;
-let trying = null;
-// True from the first trial of a value until it is written or dropped.
-let dragging = false;
-
-// Writes an edit; gives null if it was refused.
-const set = (edit) => attempt(async () => {
-  // A trial or a plan that is still on its way must not come after the edit.
-  [trying, dragging] = [null, false];
-  clearTimeout(waiting);
-  waiting = null;
-  await change("/set", edit);
-  graph.would([]);
-  return true;
-}).then((done) => {
-  if (done === null) { post("/try", null).catch(() => {}); nodePane(true); }
-  return done;
-});
-
-// Tries an edit. At most one trial is on its way, and the last one wins.
-function tryOut(edit) {
-  const busy = trying !== null;
-  [trying, dragging] = [{ digest: written ?? view.digest, ...edit }, true];
-  if (!busy) run();
-}
-
-function revert() {
-  [trying, dragging] = [null, false];
-  graph.would([]);
-  attempt(() => post("/try", null));
-}
-
-function editOf(node, param) {
-  const whole = (value, at) => ({ digest: written ?? view.digest, node: node.in_file, field: param.name, at, value });
-  return {
-    set: (value, at) => set(whole(value, at)),
-    attempt: (value, at) => tryOut(whole(value, at)),
-    revert,
-    plan: (value, at) => {
-      clearTimeout(waiting);
-      const own = setTimeout(async () => {
-        try {
-          const { nodes, forecast } = await post("/plan", whole(value, at));
-          if (waiting !== own) return;
-          graph.would(nodes);
-          $("plan").textContent = nodes.length ? `would run ${nodes.join(", ")}${forecast.seconds ? `; about ${seconds(forecast.seconds)}` : ""}` : "would run nothing";
-        } catch (error) {
-          if (waiting !== own) return;
-          graph.would([]);
-          $("plan").textContent = error.message;
-        }
-      }, 200);
-      waiting = own;
-    },
-  };
-}
-
-async function run() {
-  while (trying) {
-    const next = trying;
-    try { await post("/try", next); } catch (error) { notify(error.message); trying = null; return; }
-    if (trying === next) { trying = null; return; }
-  }
-}
-
-let paneShown = "";
-function nodePane(force = false) {
-  const node = view.nodes?.find((one) => one.id === chosen);
-  if (!node) return show($("node"), el("p", { class: "dim" }, "No node is chosen."));
-  const kind = view.kinds[node.kind];
-  const now = state.nodes[node.id] ?? {};
-  const signature = JSON.stringify([node.id, node.values, view.confined]);
-  // A slider is not replaced while it is dragged.
-  if (!force && (signature === paneShown || dragging)) return facts(node, now);
-  paneShown = signature;
-  const focus = document.activeElement?.closest?.("#node") ? document.activeElement.getAttribute("aria-label") : null;
-  const fixed = view.confined ? "This graph belongs to an unpacked bundle, whose files are never written."
-    : node.span === null ? "Another file defines this node; edit it there." : null;
-  show($("node"), el("h2", {}, `${node.id}: ${node.kind}`), el("div", { id: "facts" }), el("div", { class: "dim", id: "plan", role: "status" }),
-    kind.params.map((param) => field(param, node.values[param.name] ?? { value: param.default, text: null }, editOf(node, param), fixed)),
-    el("details", { class: "doc" }, el("summary", {}, "About this kind"), el("p", {}, flowing(kind.doc))));
-  if (focus) $("node").querySelector(`[aria-label="${CSS.escape(focus)}"]`)?.focus();
-  facts(node, now);
-}
-
-function facts(node, now) {
-  const time = now.status === "running" ? `running, ${Math.round(now.fraction * 100)} %${now.forecast ? ` of about ${seconds(now.forecast)}` : ""}`
-    : `${now.status ?? "unknown"}${now.seconds ? `, ${seconds(now.seconds)} (${seconds(now.cpu_seconds)} of CPU time)` : ""}${now.preview ? ", preview" : ""}`;
-  const place = $("facts");
-  if (!place) return;
-  show(place, el("p", { class: "dim" }, `${time}${node.line ? `; line ${node.line}` : ""}`), now.error && el("p", { class: "error" }, now.error),
-    now.notes?.length ? el("ul", { class: "list" }, now.notes.map((note) => el("li", { class: `note ${note.level}` }, note.text))) : null,
-    now.outputs?.length ? el("div", {}, now.outputs.map((out) => el("button", {
-      type: "button", disabled: !shows(out), title: shows(out) ? "Show it" : "Values of this type are not pictures", onclick: () => { output = `${node.id}.${out.port}`; outputs(); },
-    }, `${out.port} (${out.type})`))) : null);
-}
-
-// ---- outputs, layers, and what they are compared with
-
-function values() {
-  const found = {};
-  for (const node of view.nodes ?? []) {
-    for (const out of state.nodes[node.id]?.outputs ?? []) if (shows(out)) found[`${node.id}.${out.port}`] = out.digest;
-  }
-  return found;
-}
-
-// The output that a sink writes, else the last one.
-function favourite(found) {
-  for (const target of view.targets ?? []) {
-    const index = view.nodes.findIndex((node) => node.id === target);
-    const wire = view.wires.find(([, , below]) => below === index);
-    const name = wire && `${view.nodes[wire[0]].id}.${wire[1]}`;
-    if (name && found[name]) return name;
-  }
-  return Object.keys(found).at(-1) ?? null;
-}
-
-// The part of the name of a node after the name in the file: its place along the axes.
-const along = (id) => id.slice(id.indexOf("/") + 1 || id.length);
-
-// The outputs of the instances along axes of the node whose output is shown.
-function siblings() {
-  const node = view.nodes?.find((one) => output?.startsWith(`${one.id}.`));
-  if (!node || !along(node.id)) return [];
-  const port = output.slice(node.id.length);
-  return view.nodes.filter((one) => one.in_file === node.in_file).map((one) => one.id + port);
-}
-
-function axes() {
-  const all = siblings();
-  $("axis-label").hidden = all.length < 2;
-  if (all.length < 2) return;
-  $("axis").max = all.length - 1;
-  $("axis").value = all.indexOf(output);
-  const port = output.lastIndexOf(".");
-  $("axis-value").textContent = along(output.slice(0, port));
-}
-
-let outputsShown = "";
-function outputs() {
-  const found = values();
-  if (!output || (!found[output] && !running())) output = favourite(found);
-  axes();
-  const names = Object.keys(found);
-  const signature = JSON.stringify([names, output]);
-  if (signature !== outputsShown) {
-    outputsShown = signature;
-    show($("output"), names.map((name) => el("option", { value: name, selected: name === output }, name)));
-  }
-  others();
-  draw();
-}
-
-const running = () => state.running;
-
-function draw() {
-  const found = values();
-  if (output && found[output]) picture.load("a", found[output], Number($("layer").value || 0));
-  const [kind, which] = ($("other").value || "").split("|");
-  const shot = kind === "shot" ? state.history.shots.find((one) => String(one.seconds) + one.text === which) : null;
-  const digest = kind === "output" ? found[which] : shot?.values[output]?.[1];
-  picture.load("b", digest ?? null, Number($("layer").value || 0));
-  $("label-a").textContent = `A: ${output ?? ""}`;
-  $("label-b").textContent = shot ? `B: ${shot.label}, ${clock(shot.seconds)}` : `B: ${which ?? ""}`;
-}
-
-let layersShown = "";
-function layers(about) {
-  const names = about.pictures.map((one) => one.name || "picture");
-  const signature = JSON.stringify([output, names]);
-  if (signature === layersShown) return;
-  layersShown = signature;
-  const kept = Math.min(Number($("layer").value || 0), Math.max(0, names.length - 1));
-  show($("layer"), names.map((name, index) => el("option", { value: index, selected: index === kept }, name)));
-}
-
-let othersShown = "";
-function others() {
-  const shots = state.history.shots.filter((shot) => shot.values[output]).toReversed();
-  const names = Object.keys(values()).filter((name) => name !== output);
-  const signature = JSON.stringify([shots.map((shot) => shot.seconds), names]);
-  if (signature === othersShown) return;
-  othersShown = signature;
-  const kept = $("other").value;
-  const option = (value, label) => el("option", { value, selected: value === kept }, label);
-  show($("other"), option("", "nothing"),
-    el("optgroup", { label: "History" }, shots.map((shot) => option(`shot|${shot.seconds}${shot.text}`, `${clock(shot.seconds)} ${shot.label}`))),
-    el("optgroup", { label: "Other outputs" }, names.map((name) => option(`output|${name}`, name))));
-}
-
-// ---- the place view
-
-// The picture that the graph makes, with its size, for the place view.
-let made = null;
-async function picked() {
-  const found = values();
-  // The instance along axes that is shown, of the output that the graph writes.
-  const name = favourite(found) ?? "";
-  const port = name.lastIndexOf(".");
-  const here = `${name.slice(0, port).split("/")[0]}/${along(output?.slice(0, output.lastIndexOf(".")) ?? "")}${name.slice(port)}`;
-  const digest = found[here] ?? found[name];
-  if (!digest || made?.digest === digest) return;
-  try {
-    const about = await json(`/value/${digest}`);
-    const one = about.pictures[0];
-    made = one ? { digest, number: 0, width: one.width, height: one.height } : null;
-    place?.redraw();
-  } catch { /* the next result comes */ }
-}
+// ---- panes in the middle
 
 // A bare capture is shown as a place at once.
 let begun = false;
 async function begin() {
   if (begun) return;
   begun = true;
-  if (view.nodes && !view.nodes.some((node) => node.kind === "PathTrace") && view.starts) await pane(true);
+  if (page.view.nodes && !page.view.nodes.some((node) => node.kind === "PathTrace") && page.view.starts) await pane("place");
 }
 
 // Puts an object into a bare capture; the new graph then shows its pose.
 const start = (data) => attempt(async () => {
-  await change("/start", data);
-  chosen = null;
+  await edits.change("/start", data);
+  page.chosen = null;
 });
 
-async function pane(toPlace) {
-  $("picture").hidden = toPlace;
-  $("place").hidden = !toPlace;
-  $("tab-place").setAttribute("aria-pressed", String(toPlace));
-  $("tab-picture").setAttribute("aria-pressed", String(!toPlace));
-  if (!toPlace) return picture.redraw();
+async function pane(name) {
+  for (const one of ["picture", "place", "trade"]) {
+    $(one).hidden = one !== name;
+    $(`tab-${one}`).setAttribute("aria-pressed", String(one === name));
+  }
+  if (name === "picture") return picture.redraw();
   return attempt(async () => {
+    if (name === "trade") {
+      const { Trade } = await import("/assets/trade.js");
+      trade ??= Trade(page, edits, outputs);
+      trade.open();
+      return;
+    }
     const { Place } = await import("/assets/place.js");
-    place ??= Place({ graph: () => view, state: () => state, picture: () => made, along: () => along(output?.slice(0, output.lastIndexOf(".")) ?? ""), set, attempt: tryOut, revert, choose, notify, start });
+    place ??= Place({ graph: () => page.view, state: () => page.state, picture: outputs.made, along: outputs.here, set: edits.set, attempt: edits.attempt, revert: edits.revert, choose, notify, start });
     place.open();
-    await picked();
+    await outputs.pick(place.pictured);
   });
 }
 
 // ---- history
 
 function historyPane() {
-  const { undo = 0, redo = 0, last, next, problem, shots = [] } = state.history;
+  const { undo = 0, redo = 0, last, next, problem, shots = [] } = page.state.history;
   $("undo").disabled = !undo;
   $("redo").disabled = !redo;
   $("undo").title = undo ? `Undo: ${last} (Ctrl+Z)` : "Nothing to undo";
   $("redo").title = redo ? `Redo: ${next} (Ctrl+Shift+Z)` : "Nothing to redo";
+  const entry = (shot) => el("li", {}, el("button", { type: "button", class: "plain", title: "Compare the picture with this result", onclick: () => { pane("picture"); outputs.against(shot); } }, `${clock(shot.seconds)} ${shot.label}`));
   show($("history"), el("h3", {}, "History"), problem && el("p", { class: "warning" }, problem),
-    state.warnings.map((warning) => el("p", { class: "warning" }, warning)),
+    page.state.warnings.map((warning) => el("p", { class: "warning" }, warning)),
     el("p", { class: "dim" }, `${undo} changes can be undone, ${redo} redone.`),
-    el("ul", { class: "list" }, shots.slice(-12).toReversed().map((shot) => el("li", {}, `${clock(shot.seconds)} ${shot.label}`))));
-  others();
+    el("ul", { class: "list" }, shots.slice(-12).toReversed().map(entry)));
+  outputs.others();
   status();
+  trade?.changed();
 }
 
-const step = (path) => attempt(() => change(path, {}));
+const step = (path) => attempt(() => edits.change(path, {}));
 
 // ---- events
 
 function handle(event) {
+  const { state } = page;
   switch (event.event) {
     case "state":
-      state = event;
-      if (view.digest !== event.digest || !view.nodes) refresh();
-      else { for (const node of view.nodes) graph.update(node.id, state.nodes[node.id]); outputs(); }
+      page.state = event;
+      if (page.view.digest !== event.digest || !page.view.nodes) refresh();
+      else { for (const node of page.view.nodes) graph.update(node.id, event.nodes[node.id]); outputs.update(); }
       historyPane();
+      outputs.look();
       break;
     case "graph":
       [state.mistakes, state.problem] = [event.mistakes, event.problem];
@@ -405,7 +208,7 @@ function handle(event) {
     case "mistakes":
       state.mistakes = event.list;
       state.problem = event.list.length ? null : event.text;
-      [view.mistakes, view.problem] = [state.mistakes, state.problem];
+      [page.view.mistakes, page.view.problem] = [state.mistakes, state.problem];
       texts();
       break;
     case "history":
@@ -416,8 +219,8 @@ function handle(event) {
       state.running = state.running || event.event === "start";
       state.nodes[event.id] = event.node;
       graph.update(event.id, event.node);
-      if (event.id === chosen) nodePane();
-      if (event.event !== "start") { outputs(); place?.changed(); if (place) picked(); }
+      if (event.id === page.chosen) nodePane.draw();
+      if (event.event !== "start") { outputs.update(); place?.changed(); if (place) outputs.pick(place.pictured); }
       break;
     case "progress":
       state.nodes[event.id] = { ...state.nodes[event.id], status: "running", fraction: event.fraction };
@@ -426,13 +229,14 @@ function handle(event) {
     case "plan": [state.plan, state.running] = [event, true]; break;
     case "pass": [state.pass, state.running] = [event, true]; break;
     case "done":
+      if (!event.stopped) edits.previewed();
       if (!state.pass && !event.stopped) {
         for (const [id, node] of Object.entries(state.nodes)) {
           if (node.preview) { node.preview = false; graph.update(id, node); }
         }
       }
-      [state.done, state.pass] = [{ ...event, at: Date.now() / 1000 }, null];
-      if (state.nodes[chosen]) nodePane();
+      [state.done, state.pass, state.refinements] = [{ ...event, at: Date.now() / 1000 }, null, event.refinements ?? []];
+      if (state.nodes[page.chosen]) nodePane.draw();
       break;
     case "idle":
       [state.running, state.pass, state.plan] = [false, null, null];
@@ -440,7 +244,10 @@ function handle(event) {
         if (node.status === "running") { node.status = "skipped"; graph.update(id, node); }
       }
       // An output that the graph has no more is replaced only now.
-      outputs();
+      outputs.update();
+      outputs.look();
+      measures.update();
+      trade?.changed();
       break;
     case "warning": state.warnings = [...state.warnings, event.text].slice(-20); historyPane(); break;
     default: break;
@@ -448,79 +255,53 @@ function handle(event) {
   status();
 }
 
-// ---- keys
+// After the place along the axes changed: chooses an instance of the chosen node, and updates the place view.
+function follow(instance) {
+  const id = page.chosen && instance(page.chosen);
+  if (id && page.view.nodes.some((node) => node.id === id)) {
+    page.chosen = id;
+    graph.mark(id);
+    nodePane.draw();
+  }
+  place?.changed();
+  if (place) outputs.pick(place.pictured);
+}
 
-const KEYS = [
-  ["arrows", "move between nodes of the graph", null],
-  ["f", "flip between A and B", () => picture.set(picture.mode() === 2 ? 0 : 2)],
-  ["s", "A and B side by side with a slider", () => picture.set(1)],
-  ["d", "difference of A and B", () => picture.set(3)],
-  ["[ ]", "less or more exposure", null],
-  ["0", "fit the picture into the pane", () => picture.fit()],
-  ["1", "one picture pixel per screen pixel", () => picture.whole()],
-  ["b", "look around in a panorama", () => picture.round()],
-  ["+ -", "zoom", null],
-  ["p", "picture or place", () => pane($("place").hidden)],
-  ["t", "text or nodes", () => tab($("text").hidden)],
-  ["Ctrl+Z", "undo the last change of the text", null],
-  ["Ctrl+Shift+Z", "redo", null],
-  ["Escape", "while a value is edited: back to the text", null],
-  ["?", "this list", () => $("keys").showModal()],
-  ["W A S D Q E", "in the place: fly", null],
-  ["arrows, page up and down", "in the place: move the object by 1 cm, with Shift by 10 cm", null],
-  [", .", "in the place: turn the object by 5 degrees", null],
-  ["g", "in the place: put the object on the ground below it", null],
-  ["x", "in the place: click where the object shall stand", null],
-  ["c", "in the place: look through the next camera", null],
-  ["Enter", "in the place: set the camera to this view", null],
-  ["0 f", "in the place: see all of it, or the object", null],
-  ["o", "in the place: the traced picture over the view of its camera", null],
-];
+// ---- controls
 
 function exposure(by) {
   $("exposure").value = Number($("exposure").value) + by;
   $("exposure").dispatchEvent(new Event("input"));
 }
 
-document.addEventListener("keydown", (event) => {
-  const typing = event.target.matches?.('input[type="text"], textarea, select:not(#other, #mode), dialog *');
-  // In a field that was typed into, Ctrl+Z takes back the typing.
-  const typed = typing && event.target.value !== event.target.defaultValue;
-  if ((event.ctrlKey || event.metaKey) && ["z", "y"].includes(event.key.toLowerCase()) && !typed) {
-    event.preventDefault();
-    step(event.shiftKey || event.key.toLowerCase() === "y" ? "/redo" : "/undo");
-    return;
-  }
-  if (typing || event.ctrlKey || event.metaKey || event.altKey || event.target.matches?.('input[type="range"]') && !"?fsdt".includes(event.key)) return;
-  const onControl = event.target.matches?.('#place button, #place input[type="checkbox"]') && !["Enter", " "].includes(event.key);
-  const inPlace = !$("place").hidden && (event.target === document.body || event.target === $("space") || onControl);
-  if (inPlace && place?.key(event)) { event.preventDefault(); return; }
-  const more = { "[": () => exposure(-0.5), "]": () => exposure(0.5), "+": () => picture.zoom(1.5), "=": () => picture.zoom(1.5), "-": () => picture.zoom(1 / 1.5) };
-  const action = more[event.key] ?? KEYS.find(([key]) => key === event.key)?.[2];
-  if (action) { event.preventDefault(); action(); }
-});
+// Sets the mode of the comparison.
+function mode(next) {
+  picture.set(next);
+  measures.update();
+}
 
-show($("key-list"), KEYS.map(([key, what]) => [el("dt", {}, key), el("dd", {}, what)]).flat());
-$("help").addEventListener("click", () => $("keys").showModal());
+Keys({
+  flip: () => mode(picture.mode() === 2 ? 0 : 2), mode, fit: picture.fit, whole: picture.whole, round: picture.round, zoom: picture.zoom,
+  pane, text: () => tab($("text").hidden), step, exposure,
+}, () => place);
 $("undo").addEventListener("click", () => step("/undo"));
 $("redo").addEventListener("click", () => step("/redo"));
-$("tab-picture").addEventListener("click", () => pane(false));
-$("tab-place").addEventListener("click", () => pane(true));
+for (const one of ["picture", "place", "trade"]) $(`tab-${one}`).addEventListener("click", () => pane(one));
 $("tab-graph").addEventListener("click", () => tab(false));
 $("tab-text").addEventListener("click", () => tab(true));
-$("output").addEventListener("change", () => { output = $("output").value; outputs(); });
-$("layer").addEventListener("change", draw);
+$("mode").addEventListener("input", measures.update);
 $("axis").addEventListener("input", () => {
-  output = siblings()[Number($("axis").value)] ?? output;
-  outputs();
-  place?.changed();
-  if (place) picked();
+  const name = outputs.siblings()[Number($("axis").value)];
+  if (name) outputs.choose(name);
+  // The instance of the chosen node that is at this place.
+  const parts = outputs.here().split("/");
+  follow((id) => page.view.nodes.find((one) => one.in_file === id.split("/")[0] && one.id !== one.in_file && one.id.split("/").slice(1).every((part) => parts.includes(part)))?.id);
 });
-$("other").addEventListener("change", () => { if (picture.mode() === 0) picture.set(1); draw(); });
 $("theme").addEventListener("click", () => {
-  const dark = document.documentElement.dataset.theme ? document.documentElement.dataset.theme === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
-  document.documentElement.dataset.theme = dark ? "light" : "dark";
-  try { localStorage.setItem("theme", document.documentElement.dataset.theme); } catch { /* storage may be off */ }
+  const { dataset } = document.documentElement;
+  const dark = dataset.theme ? dataset.theme === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
+  dataset.theme = dark ? "light" : "dark";
+  try { localStorage.setItem("theme", dataset.theme); } catch { /* storage may be off */ }
 });
 try { const theme = localStorage.getItem("theme"); if (theme) document.documentElement.dataset.theme = theme; } catch { /* storage may be off */ }
 if (picture.failure()) notify(picture.failure());

@@ -16,12 +16,15 @@ export function half(bits) {
   return sign * (1 + part / 1024) * 2 ** (exponent - 15);
 }
 
-export function Picture(report) {
+// `report(side, about, error)` is called when a picture is there, or cannot be loaded; `drawn` after each drawing.
+export function Picture(report, drawn) {
   const [view, canvas] = [$("view"), $("canvas")];
   let gl = null;
   let program = null;
   let failure = null;
   const sides = { a: null, b: null };
+  // FLIP of each pixel of the two sides.
+  let flip = null;
   const state = { zoom: 1, pan: [0, 0], fitted: true, split: 0.5, mode: 0, sphere: null };
   const redraw = framed(draw);
 
@@ -114,7 +117,8 @@ export function Picture(report) {
     return [(u - Math.floor(u)) * a.width, (Math.acos(Math.max(-1, Math.min(1, -down))) / Math.PI) * a.height];
   }
 
-  function mode() { return sides.b ? state.mode : 0; }
+  // Without its data, a comparison shows A.
+  const mode = () => (!sides.b || (state.mode === 4 && !flip) ? 0 : state.mode);
 
   function draw() {
     const a = sides.a;
@@ -128,8 +132,9 @@ export function Picture(report) {
     if (plain) fallback.src = `/value/${a.digest}/${a.number}.png?exposure=${$("exposure").value}`;
     $("split").hidden = mode() !== 1 || plain;
     $("split").style.left = `${state.split * 100}%`;
-    $("label-a").hidden = !sides.b || mode() === 2;
-    $("label-b").hidden = !sides.b || mode() === 0;
+    $("label-a").hidden = !sides.b || mode() === 2 || mode() > 2;
+    $("label-b").hidden = !sides.b || mode() === 0 || mode() > 2;
+    drawn(a);
     if (!gl || !a?.texture) return;
     const ratio = devicePixelRatio;
     const [width, height] = [Math.round(view.clientWidth * ratio), Math.round(view.clientHeight * ratio)];
@@ -149,6 +154,9 @@ export function Picture(report) {
     gl.uniform2f(at("view"), width, height);
     gl.uniform2f(at("pan"), state.pan[0] * ratio, state.pan[1] * ratio);
     gl.uniform1f(at("zoom"), state.zoom * ratio);
+    gl.activeTexture(gl.TEXTURE2);
+    gl.bindTexture(gl.TEXTURE_2D, flip?.texture ?? a.texture);
+    gl.uniform1i(at("flip"), 2);
     const ball = sphere();
     gl.uniform4f(at("sphere"), ball?.yaw ?? 0, ball?.pitch ?? 0, ball ? focal() * ratio : 1, ball ? 1 : 0);
     gl.uniform1f(at("exposure"), Number($("exposure").value));
@@ -194,7 +202,8 @@ export function Picture(report) {
     const [x, y] = spot(event.clientX - box.left, event.clientY - box.top);
     const inside = x >= 0 && y >= 0 && x < a.width && y < a.height;
     const [u, v] = [x / a.width, y / a.height];
-    $("pixel").textContent = inside ? [`(${Math.floor(x)}, ${Math.floor(y)})`, sample("a", u, v), sample("b", u, v)].filter(Boolean).join("   ") : "";
+    const differs = inside && flip ? `FLIP ${number(flip.samples[Math.floor(y) * flip.width + Math.floor(x)])}` : "";
+    $("pixel").textContent = inside ? [`(${Math.floor(x)}, ${Math.floor(y)})`, sample("a", u, v), sample("b", u, v), differs].filter(Boolean).join("   ") : "";
   }
 
   let drag = null;
@@ -235,6 +244,7 @@ export function Picture(report) {
   canvas.addEventListener("webglcontextlost", (event) => { event.preventDefault(); });
   canvas.addEventListener("webglcontextrestored", () => {
     start();
+    if (flip && gl) flip.texture = texture(flip, "f32", flip.samples);
     for (const side of ["a", "b"]) if (sides[side]?.samples && gl) sides[side].texture = texture(sides[side], sides[side].form, sides[side].samples);
     redraw();
   });
@@ -245,6 +255,23 @@ export function Picture(report) {
     state.mode = mode;
     $("mode").value = String(mode);
     redraw();
+  }
+
+  // Sets FLIP of each pixel of A against B; null removes it.
+  function differ(next) {
+    if (flip?.texture) gl?.deleteTexture(flip.texture);
+    flip = next && gl ? { ...next, channels: 1, texture: texture({ ...next, channels: 1 }, "f32", next.samples) } : null;
+    redraw();
+  }
+
+  // The position in the pane of a point of picture A; null if it is not visible.
+  function project(x, y) {
+    if (!sphere()) return [x * state.zoom + state.pan[0], y * state.zoom + state.pan[1]];
+    const [yaw, polar] = [((x / sides.a.width) - 0.5) * 2 * Math.PI - state.sphere.yaw, (y / sides.a.height) * Math.PI];
+    const [right, down, ahead] = [Math.sin(polar) * Math.sin(yaw), -Math.cos(polar), Math.sin(polar) * Math.cos(yaw)];
+    const [s, c] = [Math.sin(state.sphere.pitch), Math.cos(state.sphere.pitch)];
+    const [low, depth] = [down * c + ahead * s, ahead * c - down * s];
+    return depth > 0.05 ? [view.clientWidth / 2 + (right / depth) * focal(), view.clientHeight / 2 + (low / depth) * focal()] : null;
   }
 
   // The tables of a report in place of the picture; null for a picture.
@@ -258,5 +285,5 @@ export function Picture(report) {
     redraw();
   }
 
-  return { load, fit, whole, round, zoom, set, tables, redraw, mode: () => state.mode, has: (side) => Boolean(sides[side]), failure: () => failure };
+  return { load, fit, whole, round, zoom, set, tables, redraw, mode: () => state.mode, side: (name) => sides[name], differ, project, isRound, failure: () => failure };
 }

@@ -10,7 +10,7 @@ void main() {
 export const FRAGMENT = `#version 300 es
 precision highp float;
 precision highp sampler2D;
-uniform sampler2D a, b;
+uniform sampler2D a, b, flip;
 uniform ivec2 sizeA, sizeB;
 uniform ivec2 formA, formB;
 uniform vec2 rangeA, rangeB;
@@ -66,6 +66,7 @@ void main() {
   ivec2 pixelB = ivec2(floor(place * ratio));
   if (any(lessThan(pixel, ivec2(0))) || any(greaterThanEqual(pixel, sizeA))) { colour = vec4(0.0); return; }
   bool second = mode == 2 || (mode == 1 && gl_FragCoord.x > split);
+  if (mode == 4) { colour = vec4(scale(texelFetch(flip, pixel, 0).r), 1.0); return; }
   vec3 own = second ? vec3(0.0) : shown(texelFetch(a, pixel, 0), formA, rangeA);
   vec3 other = second || mode == 3 ? shown(texelFetch(b, pixelB, 0), formB, rangeB) : vec3(0.0);
   vec3 result = mode == 3 ? abs(clamp(own, 0.0, 1.0) - clamp(other, 0.0, 1.0)) * 4.0 : second ? other : own;

@@ -1,7 +1,7 @@
 //! The files of the page. They contain nothing private.
 
 /// Path, type and content of each file.
-const FILES: [(&str, &str, &str); 14] = [
+const FILES: [(&str, &str, &str); 30] = [
     ("/", "text/html; charset=utf-8", include_str!("../assets/page.html")),
     ("/assets/page.css", "text/css; charset=utf-8", include_str!("../assets/page.css")),
     ("/assets/page.js", SCRIPT, include_str!("../assets/page.js")),
@@ -11,8 +11,24 @@ const FILES: [(&str, &str, &str); 14] = [
     ("/assets/fields.js", SCRIPT, include_str!("../assets/fields.js")),
     ("/assets/picture.js", SCRIPT, include_str!("../assets/picture.js")),
     ("/assets/shader.js", SCRIPT, include_str!("../assets/shader.js")),
+    ("/assets/edits.js", SCRIPT, include_str!("../assets/edits.js")),
+    ("/assets/node.js", SCRIPT, include_str!("../assets/node.js")),
+    ("/assets/outputs.js", SCRIPT, include_str!("../assets/outputs.js")),
+    ("/assets/keys.js", SCRIPT, include_str!("../assets/keys.js")),
+    ("/assets/measures.js", SCRIPT, include_str!("../assets/measures.js")),
+    ("/assets/emitters.js", SCRIPT, include_str!("../assets/emitters.js")),
+    ("/assets/trade.js", SCRIPT, include_str!("../assets/trade.js")),
+    ("/assets/track.js", SCRIPT, include_str!("../assets/track.js")),
+    ("/assets/timeline.js", SCRIPT, include_str!("../assets/timeline.js")),
     ("/assets/text.js", SCRIPT, include_str!("../assets/text.js")),
     ("/assets/place.js", SCRIPT, include_str!("../assets/place.js")),
+    ("/assets/stage.js", SCRIPT, include_str!("../assets/stage.js")),
+    ("/assets/gaze.js", SCRIPT, include_str!("../assets/gaze.js")),
+    ("/assets/ground.js", SCRIPT, include_str!("../assets/ground.js")),
+    ("/assets/things.js", SCRIPT, include_str!("../assets/things.js")),
+    ("/assets/measure.js", SCRIPT, include_str!("../assets/measure.js")),
+    ("/assets/pointer.js", SCRIPT, include_str!("../assets/pointer.js")),
+    ("/assets/starter.js", SCRIPT, include_str!("../assets/starter.js")),
     ("/assets/space.js", SCRIPT, include_str!("../assets/space.js")),
     ("/assets/solid.js", SCRIPT, include_str!("../assets/solid.js")),
     ("/assets/gizmo.js", SCRIPT, include_str!("../assets/gizmo.js")),
@@ -29,12 +45,16 @@ pub fn file(path: &str) -> Option<(&'static str, &'static str)> {
 mod tests {
     use super::*;
 
+    /// Names of the scripts that are loaded when they are used.
+    const LATER: [&str; 13] = [
+        "place", "stage", "gaze", "ground", "things", "pointer", "starter", "space", "solid", "gizmo",
+        "trade", "emitters", "measure",
+    ];
+
     #[test]
     fn the_page_is_small_and_needs_no_network() {
-        // The code of the place view is loaded only when it is opened.
-        let is_later = |path: &str| {
-            ["place", "space", "solid", "gizmo"].iter().any(|name| path.contains(&format!("/{name}.js")))
-        };
+        // The code of the place view, of the trade pane, and of the marks on panoramas is loaded when they are used.
+        let is_later = |path: &str| LATER.iter().any(|name| path == format!("/assets/{name}.js"));
         let bytes = |later: bool| -> usize {
             FILES.iter().filter(|(path, ..)| is_later(path) == later).map(|(.., content)| content.len()).sum()
         };

@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::history::History;
 use crate::save::{SaveError, replace};
+use crate::track;
 
 /// Maximum length of a new value in bytes.
 pub const MAX_VALUE: usize = 16 << 10;
@@ -152,8 +153,16 @@ impl Editor {
         })
     }
 
-    /// Applies an edit to the current text, without writing it. `graph` is the graph that the client has seen;
-    /// `tried` lists the fields of the node for which this graph has a trial value.
+    /// The graph of the current text, without trial values and without settings of the command line.
+    ///
+    /// # Errors
+    /// [`Refused`] if the text cannot be read or has mistakes.
+    pub fn own_graph(&self, graph: &Graph) -> Result<Graph, Refused> {
+        parsed(graph, &self.text()?)
+    }
+
+    /// Applies an edit to the current text, without writing it. `graph` is the graph that the client has seen; `tried`
+    /// lists the fields of the node for which this graph has a trial value.
     ///
     /// # Errors
     /// [`Refused`].
@@ -192,6 +201,35 @@ impl Editor {
         let Edited { old, text, label, .. } = self.edited(graph, edit, tried)?;
         self.write(&old, &text)?;
         self.history.saved(&text, &label);
+        Ok(())
+    }
+
+    /// Sets fields of several nodes, each given as node, field and value in RON, and writes the file once.
+    ///
+    /// # Errors
+    /// [`Refused`]; the file then has its old content.
+    pub fn set_all(
+        &mut self,
+        graph: &Graph,
+        digest: &str,
+        fields: &[(String, String, String)],
+        label: &str,
+    ) -> Result<(), Refused> {
+        let old = self.text_seen(graph, digest)?;
+        let mut text = old.clone();
+        for (node, field, value) in fields {
+            let edit = FieldEdit { field: field.clone(), at: Vec::new(), value: Some(value.clone()) };
+            if let Some(span) = GraphText::new(&old).field(node, field) {
+                refuse_hidden(graph, node, field, &span, old.len())?;
+            }
+            text = changed(graph, node, &edit, &text)?;
+        }
+        if text == old {
+            return Err(Refused::Nothing);
+        }
+        checked(graph, &text)?;
+        self.write(&old, &text)?;
+        self.history.saved(&text, label);
         Ok(())
     }
 
@@ -262,7 +300,8 @@ impl Editor {
 /// Description of a change that the page did not make.
 pub const OTHER: &str = "change by another program";
 
-fn fixed(why: String) -> Refused {
+/// A refusal with a text for the user.
+pub fn fixed(why: String) -> Refused {
     Refused::Fixed { why }
 }
 
@@ -276,7 +315,17 @@ fn changed(graph: &Graph, node: &str, edit: &FieldEdit, text: &str) -> Result<St
         Some(value) if value.len() > MAX_VALUE => {
             return Err(fixed(format!("the value is longer than {MAX_VALUE} bytes; edit it in the text")));
         }
-        Some(value) => document.set(node, field, &steps, value)?,
+        Some(value) => {
+            // The keys of a track are replaced as a whole.
+            let span = document.field(node, field).filter(|_| steps.is_empty());
+            let axis = span.clone().and_then(|span| track::axis(&text[span]));
+            if let (Some(span), Some(axis)) = (span, axis)
+                && track::axis(value) == Some(axis)
+            {
+                return Ok([&text[..span.start], value, &text[span.end..]].concat());
+            }
+            document.set(node, field, &steps, value)?
+        }
         None if steps.is_empty() => document.unset(node, field)?,
         None => return Err(fixed(format!("only the whole field `{field}` can be removed"))),
     };

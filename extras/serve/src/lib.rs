@@ -16,6 +16,11 @@
 //! | `GET /value/DIGEST` | the pictures or the report of a value: names, sizes, encodings, ranges |
 //! | `GET /value/DIGEST/N.png` | picture N for display; `exposure` in stops, `size` of the longest side in pixels |
 //! | `GET /value/DIGEST/N.f32`, `N.f16` | its samples, little-endian, row by row |
+//! | `GET /difference/DIGEST/N/DIGEST/N` | the measures of the kind `compare` for two pictures |
+//! | `GET /difference/../flip.f32` | FLIP of each pixel, little-endian, row by row |
+//! | `GET /references` | picture files near the graph, each with a handle that stands for a digest above |
+//! | `GET /trade` | knobs, presets with forecasts, and skipped work |
+//! | `POST /preset` `{digest, preset, write}` | tries or writes the values of a preset |
 //! | `GET /place` | the place: axes, captures, meshes, objects with their poses, cameras, probes |
 //! | `GET /splats/DIGEST`, `/mesh/DIGEST`, `/object/DIGEST` | a value of the place as packed bytes, simplified if it is large |
 //! | `POST /ground` `{digest, eye, way, focal_px}` | the first surface of a mesh or of splats along a ray |
@@ -34,6 +39,7 @@
 //! inline scripts.
 
 mod assets;
+mod difference;
 mod door;
 mod editor;
 mod error;
@@ -44,12 +50,15 @@ mod live;
 mod packed;
 mod page;
 mod place;
+mod presets;
+mod references;
 mod routes;
 mod save;
 mod starter;
 mod state;
 mod thing;
 mod thinned;
+mod track;
 mod values;
 mod view;
 

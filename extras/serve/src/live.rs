@@ -1,7 +1,7 @@
 //! The data that the watch and the handlers of requests share.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -10,9 +10,11 @@ use serde::Deserialize;
 use serde_json::{Value, json};
 use tokio::sync::broadcast;
 
+use crate::difference::Difference;
 use crate::door::Door;
 use crate::editor::{Edit, Edited, Editor, OTHER, Refused, SharedGraph, digest_of};
 use crate::history::{Shot, now};
+use crate::references::References;
 use crate::starter::{Stand, Starter};
 use crate::state::State;
 use crate::thing::Thing;
@@ -49,6 +51,10 @@ pub struct Live {
     pub decoded: Decoded<Shown>,
     /// Values with a position in space.
     pub things: Decoded<Thing>,
+    /// Differences between pictures.
+    pub differences: Decoded<Difference>,
+    /// Picture files that outputs can be compared with.
+    pub references: References,
     /// Number of connected pages.
     pub clients: AtomicUsize,
     /// The writer of a first graph, for a bare capture.
@@ -86,6 +92,8 @@ impl Live {
             door,
             decoded: Decoded::default(),
             things: Decoded::default(),
+            differences: Decoded::default(),
+            references: References::default(),
             clients: AtomicUsize::new(0),
             starter,
             handle,
@@ -230,11 +238,16 @@ impl Live {
     }
 
     /// The graph that the page shows.
-    fn graph(&self) -> Result<SharedGraph, Refused> {
+    pub fn graph(&self) -> Result<SharedGraph, Refused> {
         let graph = lock(&self.state).graph.clone();
         graph.ok_or_else(|| Refused::Fixed {
             why: "the graph has mistakes; correct them in the text".to_owned(),
         })
+    }
+
+    /// The graph of the text, without trial values. `graph` is the graph that the page shows.
+    pub fn own_graph(&self, graph: &Graph) -> Result<Graph, Refused> {
+        lock(&self.editor).own_graph(graph)
     }
 
     /// Applies an edit to the file.
@@ -264,7 +277,8 @@ impl Live {
         self.write(|editor| if undo { editor.undo(&graph, digest) } else { editor.redo(&graph, digest) })
     }
 
-    fn write(&self, write: impl FnOnce(&mut Editor) -> Result<(), Refused>) -> Result<Value, Refused> {
+    /// Writes the file, and makes the watch read it. Returns the digest of the new text.
+    pub fn write(&self, write: impl FnOnce(&mut Editor) -> Result<(), Refused>) -> Result<Value, Refused> {
         let digest = {
             let mut editor = lock(&self.editor);
             write(&mut editor)?;
@@ -289,8 +303,17 @@ impl Live {
         Ok(json!({"tried": true}))
     }
 
-    /// The fields of a node that have trial values, now or in the graph that the page shows. Edits of such a field
-    /// are not checked for overlays on the command line, since this was done when the trial began.
+    /// Sets trial values, each given as node, field and value in RON, in place of those before. See
+    /// [`try_value`](Self::try_value).
+    pub fn try_all(&self, fields: Vec<(String, String, String)>) -> Value {
+        let fields = fields.into_iter().map(|(node, field, value)| ((node, field), value));
+        *lock(&self.tried) = fields.collect();
+        self.look();
+        json!({"tried": true})
+    }
+
+    /// The fields of a node that have trial values, now or in the graph that the page shows. Edits of such a field are
+    /// not checked for overlays on the command line, since this was done when the trial began.
     fn tried_of(&self, node: &str) -> Vec<String> {
         let of = |known: &&(String, String)| known.0 == node;
         let now: Vec<String> = lock(&self.tried).keys().filter(of).map(|(_, field)| field.clone()).collect();
@@ -330,6 +353,11 @@ impl Live {
         Ok(json!({"nodes": nodes, "forecast": engine::Forecast::of(&plan)}))
     }
 
+    /// Folder of the graph.
+    pub fn folder(&self) -> &Path {
+        self.path.parent().unwrap_or(Path::new("."))
+    }
+
     /// Makes the watch read the graph again.
     fn look(&self) {
         self.handle.hint(vec![self.path.clone()]);
@@ -362,6 +390,9 @@ impl Live {
     /// other graphs in the same cache are not given.
     pub fn value(&self, digest: &str) -> Option<Arc<Shown>> {
         let parsed = Digest::from_hex(digest)?;
+        if self.references.contains(&parsed) {
+            return self.decoded.get(&parsed, || self.references.read(&parsed));
+        }
         let current = self.current(digest);
         let wire = current.as_ref().map(|(graph, wire, _)| (&**graph, *wire));
         let type_name = match &current {

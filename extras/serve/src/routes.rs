@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use crate::assets;
+use crate::difference::Difference;
 use crate::door::{HEADERS, Refused as Denied};
 use crate::editor::{Edit, MAX_VALUE, Refused};
 use crate::events::events;
@@ -21,6 +22,7 @@ use crate::ground::{Ray, ground};
 use crate::live::{Live, Start};
 use crate::packed::{self, MOST_SPLATS, Surface};
 use crate::place::place;
+use crate::presets::Choice;
 use crate::thing::Thing;
 use crate::values::{floats, halves, png};
 use crate::view::view;
@@ -50,6 +52,11 @@ pub fn router(live: Arc<Live>) -> Router {
         .route("/graph", get(graph))
         .route("/value/{digest}", get(describe))
         .route("/value/{digest}/{picture}", get(picture))
+        .route("/difference/{a}/{i}/{b}/{j}", get(difference))
+        .route("/difference/{a}/{i}/{b}/{j}/flip.f32", get(flip))
+        .route("/references", get(references))
+        .route("/trade", get(trade))
+        .route("/preset", post(preset))
         .route("/place", get(place_view))
         .route("/splats/{digest}", get(splats))
         .route("/mesh/{digest}", get(mesh))
@@ -202,6 +209,58 @@ async fn describe(State(live): Shared, Path(digest): Path<String>) -> Response {
         Ok(None) => missing(GONE),
         Err(_) => failed("the value cannot be read"),
     }
+}
+
+/// The digests of two values and the indices of pictures in them.
+type Pair = (String, usize, String, usize);
+
+/// Computes the difference of two pictures, and answers with a part of it.
+async fn compared(
+    live: Arc<Live>,
+    (a, i, b, j): Pair,
+    part: impl FnOnce(&Difference) -> Option<Response> + Send + 'static,
+) -> Response {
+    let found = tokio::task::spawn_blocking(move || live.difference(&(a, i), &(b, j))).await;
+    match found {
+        Ok(Some(Ok(found))) => part(&found).unwrap_or_else(|| missing("pictures of data have no FLIP")),
+        Ok(Some(Err(why))) => {
+            (StatusCode::UNPROCESSABLE_ENTITY, Json(json!({"code": "fixed", "why": why}))).into_response()
+        }
+        Ok(None) => missing(GONE),
+        Err(_) => failed("the pictures cannot be compared"),
+    }
+}
+
+async fn difference(State(live): Shared, Path(pair): Path<Pair>) -> Response {
+    let part = |found: &Difference| {
+        let size = found.flip.as_ref().map(|flip| [flip.size().0, flip.size().1]);
+        Some(Json(json!({"report": found.report, "notes": found.notes, "flip": size})).into_response())
+    };
+    compared(live, pair, part).await
+}
+
+/// FLIP of each pixel as little-endian f32, row by row.
+async fn flip(State(live): Shared, Path(pair): Path<Pair>) -> Response {
+    let part = |found: &Difference| {
+        let kind = (header::CONTENT_TYPE, "application/octet-stream");
+        Some(([kind, (IMMUTABLE.0, IMMUTABLE.1)], floats(found.flip.as_ref()?)).into_response())
+    };
+    compared(live, pair, part).await
+}
+
+async fn references(State(live): Shared) -> Response {
+    match tokio::task::spawn_blocking(move || live.references.list(live.folder())).await {
+        Ok(list) => Json(list).into_response(),
+        Err(_) => failed("the folder of the graph cannot be read"),
+    }
+}
+
+async fn trade(State(live): Shared) -> Response {
+    answer(live, Bytes::from_static(b"null"), |live, (): ()| live.trade()).await
+}
+
+async fn preset(State(live): Shared, body: Bytes) -> Response {
+    answer(live, body, |live, choice: Choice| live.preset(&choice)).await
 }
 
 async fn place_view(State(live): Shared) -> Response {

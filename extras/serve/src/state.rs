@@ -64,6 +64,21 @@ pub struct NodeState {
     /// Key of a result whose record is not in the store yet.
     #[serde(skip)]
     pending: Option<Digest>,
+    /// Key of the last result.
+    #[serde(skip)]
+    key: Option<Digest>,
+}
+
+/// Pictures that a run has shown, from the first preview to the result.
+#[derive(Debug, Clone, Serialize)]
+pub struct Refinement {
+    /// The parameter that limits the preview, its limit, its value in the graph, and the side of the blocks of
+    /// pixels that the preview computes; `None` for the result.
+    pass: Option<Value>,
+    /// Time since the start of the run in seconds.
+    seconds: f64,
+    /// Type and digest of each value, by node and output.
+    values: BTreeMap<String, (String, String)>,
 }
 
 /// Value of an output.
@@ -94,6 +109,9 @@ pub struct State {
     nodes: BTreeMap<String, NodeState>,
     running: bool,
     pass: Option<Value>,
+    /// Start of the current run, with its previews.
+    began: Option<Instant>,
+    refinements: Vec<Refinement>,
     forecast: Option<Value>,
     done: Option<Value>,
     files: BTreeMap<String, Value>,
@@ -105,6 +123,8 @@ pub struct State {
 
 /// Maximum number of earlier values that pages may request.
 const MOST_RECENT: usize = 1000;
+/// Maximum number of pictures of one run that are kept.
+const MOST_REFINEMENTS: usize = 64;
 /// Maximum number of warnings that are kept.
 const MOST_WARNINGS: usize = 20;
 
@@ -122,6 +142,7 @@ impl State {
             "done": self.done,
             "files": self.files,
             "warnings": self.warnings,
+            "refinements": self.refinements,
         })
     }
 
@@ -173,6 +194,7 @@ impl State {
                     // Without a new result, the last one stays visible.
                     outputs: known.map_or_else(|| std::mem::take(&mut node.outputs), listed),
                     pending,
+                    key: *key,
                     ..NodeState::default()
                 };
                 extra = Some(id);
@@ -194,6 +216,7 @@ impl State {
             Event::Plan(forecast) => {
                 self.forecast = serde_json::to_value(forecast).ok();
                 self.running = true;
+                (self.began, self.refinements) = (Some(Instant::now()), Vec::new());
             }
             Event::Pass { parameter, level, of, coarse } => {
                 self.pass = Some(json!({"parameter": parameter, "level": level, "of": of, "coarse": coarse}));
@@ -208,6 +231,9 @@ impl State {
                 if let Some(done) = &mut self.done {
                     done["at"] = now().into();
                     done["preview"] = self.pass.is_some().into();
+                }
+                if !totals.stopped {
+                    self.refined();
                 }
                 self.pass = None;
             }
@@ -230,10 +256,31 @@ impl State {
         if let Event::Mistakes { text, .. } = event {
             json["text"] = plain(text).into();
         }
+        if matches!(event, Event::Done(_)) {
+            json["refinements"] = serde_json::to_value(&self.refinements).ok()?;
+        }
         if let Some(node) = extra.and_then(|id| self.nodes.get(id)) {
             json["node"] = serde_json::to_value(node).ok()?;
         }
         Some(json)
+    }
+
+    /// Records the pictures of a preview or of the result.
+    fn refined(&mut self) {
+        let Some(began) = self.began else { return };
+        let refinement = Refinement {
+            pass: self.pass.clone(),
+            seconds: began.elapsed().as_secs_f64(),
+            values: self.shown(),
+        };
+        if self.refinements.len() < MOST_REFINEMENTS {
+            self.refinements.push(refinement);
+        }
+    }
+
+    /// The notes and the key of the last result of a node.
+    pub fn facts(&self, id: &str) -> (Vec<Note>, Option<Digest>) {
+        self.nodes.get(id).map(|node| (node.notes.clone(), node.key)).unwrap_or_default()
     }
 
     /// Looks again for the outputs of results that were not yet in the store. Returns an event for each node whose

@@ -206,3 +206,26 @@ fn a_port_in_use_is_named() {
     let other = Lab::at(lab.folder.clone(), None).unwrap();
     assert_ne!(other.port, lab.port);
 }
+
+#[test]
+fn keys_of_a_track_are_replaced_as_a_whole() {
+    let graph = GRAPH.replace("yaw_deg: 30.0", "yaw_deg: Track(\"turn\", [(0, 1.0), (30, 7.0)])");
+    let lab = Lab::new(&graph);
+    lab.idle();
+    let more = "Track(\"turn\", [(0, 1.0), (15, 2.5), (30, 7.0)])";
+    assert_eq!(lab.set("pose", "yaw_deg", &[], Some(more)).status, 200);
+    assert_eq!(lab.text(), graph.replace("Track(\"turn\", [(0, 1.0), (30, 7.0)])", more));
+    let text = lab.text();
+    lab.until("the graph follows", |lab| lab.digest() == digest_of(&text));
+    for refused in [
+        "30.0",
+        "Track(\"other\", [(0, 1.0)])",
+        "Track(\"turn\", [(0, Param(\"height\"))])",
+        "Track(\"turn\", [(30, 1.0), (0, 7.0)])",
+        "Track(\"turn\", [(0, 1.0)]), scale: Track(\"turn\", [(0, 1.0)])",
+    ] {
+        assert_eq!(lab.set("pose", "yaw_deg", &[], Some(refused)).status, 422, "{refused}");
+        assert_eq!(lab.text(), text);
+    }
+    assert_eq!(lab.set("pose", "yaw_deg", &[0], Some("1.0")).status, 422, "one key alone is not replaced");
+}

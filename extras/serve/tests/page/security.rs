@@ -54,6 +54,9 @@ fn without_the_cookie_nothing_private_is_given() {
         "/events",
         "/graph",
         "/place",
+        "/trade",
+        "/references",
+        "/difference/0/0/0/0",
         "/splats/0",
         value.as_str(),
         &format!("{value}/0.png"),
@@ -76,7 +79,7 @@ fn without_the_cookie_nothing_private_is_given() {
     let good = format!(
         "Host: {host}\r\nOrigin: http://{host}\r\nX-Lightharmony: 1\r\nContent-Type: application/json\r\n"
     );
-    for path in ["/set", "/try", "/plan", "/undo", "/redo", "/ground"] {
+    for path in ["/set", "/try", "/plan", "/undo", "/redo", "/ground", "/preset"] {
         assert_eq!(post(&lab, path, &good, &edit(GRAPH)), 401, "{path}");
     }
     assert_eq!(lab.text(), GRAPH);
@@ -153,7 +156,7 @@ fn a_preflight_is_never_granted_and_other_methods_are_refused() {
         assert_eq!(response.status, 405, "{method}");
         assert!(!response.headers.iter().any(|(name, _)| name.starts_with("access-control")), "{method}");
     }
-    for path in ["/set", "/try", "/plan", "/undo", "/redo", "/session"] {
+    for path in ["/set", "/try", "/plan", "/undo", "/redo", "/session", "/preset"] {
         assert!(matches!(lab.get(path).status, 404 | 405), "{path} by GET");
     }
     assert_eq!(lab.text(), GRAPH);
