@@ -40,6 +40,7 @@ impl SecretKey {
         }
         let mut options = OpenOptions::new();
         options.write(true).create_new(true);
+        // Windows has no permission bits; a new file inherits the access list of its folder.
         #[cfg(unix)]
         std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
         let mut file = options.open(path).map_err(|error| match error.kind() {
@@ -62,6 +63,7 @@ impl SecretKey {
     /// If the file cannot be read or is not a key, or if other users have access to it.
     pub fn read(path: &Path) -> Result<Self, TrustError> {
         let file = File::open(path).map_err(TrustError::io("open", path))?;
+        // Windows has no permission bits to check.
         #[cfg(unix)]
         {
             let metadata = file.metadata().map_err(TrustError::io("read", path))?;
