@@ -299,6 +299,14 @@ class Extension(unittest.TestCase):
         self.assertIsNotNone(process.poll())
         self.assertIsNone(addon.tick())
 
+    def test_a_deleted_object_ends_the_program(self):
+        bpy.ops.lightharmony.render()
+        process = addon.session.watch._process._process
+        bpy.data.objects.remove(self.letter)
+        self.assertIsNone(addon.tick())
+        self.assertEqual(addon.status.text, "the object was deleted")
+        self.assertIsNotNone(process.poll())
+
     def test_a_scene_is_exported_to_colmap(self):
         scene = self.scene
         scene.frame_start, scene.frame_end = 1, 3
