@@ -63,7 +63,8 @@ impl FileStamp {
         }
     }
 
-    /// The stamp of `metadata`, which was read at `taken_ns` or later.
+    /// The stamp of `metadata`, which was read at `taken_ns` or later. On systems other than Unix, the standard library
+    /// reports neither inodes nor the time at which an inode changed; the time of creation replaces the latter.
     #[cfg(not(unix))]
     pub(crate) fn new(metadata: &Metadata, taken_ns: i64) -> FileStamp {
         let mtime_ns = metadata.modified().map_or(taken_ns, since_1970_ns);

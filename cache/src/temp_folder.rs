@@ -36,6 +36,7 @@ impl TempFolder {
     /// If the folder cannot be created.
     pub fn private() -> Result<Self> {
         let mut builder = DirBuilder::new();
+        // Windows has no permission bits; its temporary folder belongs to the user.
         #[cfg(unix)]
         std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
         Self::create(&std::env::temp_dir(), &builder)

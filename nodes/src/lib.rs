@@ -1,9 +1,11 @@
 //! The kinds of lightharmony.
 //!
 //! Each kind is one file in [`kinds`] (a folder if it is large) with its documentation, parameters, ports, code and
-//! unit tests, and one line in [`registry`]. The other modules contain code that kinds share. A file imports only
-//! from its own module and from those after it in this list: `kinds`, [`train`], [`render`], [`geometry`],
-//! [`light`], [`io`], [`types`], [`math`], [`error`].
+//! unit tests, and one line in the table of this file. The other modules contain code that kinds share. A file
+//! imports only from its own module and from those after it in this list: `kinds`, [`train`], [`render`],
+//! [`geometry`], [`light`], [`io`], [`types`], [`math`], [`error`].
+
+use std::sync::OnceLock;
 
 use engine::{KindEntry, Registry};
 use kinds::*;
@@ -23,8 +25,44 @@ mod testing;
 
 pub use error::Error;
 
-/// Registers every kind by its name.
+/// The kinds that [`add_kinds`] added.
+static ADDED: OnceLock<Vec<fn() -> KindEntry>> = OnceLock::new();
+
+/// Error of [`add_kinds`].
+#[derive(Debug, thiserror::Error)]
+pub enum AddKindsError {
+    /// A kind has the name of another kind.
+    #[error("two kinds are named `{0}`")]
+    Name(&'static str),
+    /// Kinds were added before.
+    #[error("kinds were already added to this process; add all of them in one call")]
+    Again,
+}
+
+/// Adds the kinds of another crate to [`registry`], for the whole process. Call it once, before the first graph is
+/// parsed.
+///
+/// # Errors
+/// If two kinds have the same name, or if kinds were added before.
+pub fn add_kinds(kinds: Vec<fn() -> KindEntry>) -> Result<(), AddKindsError> {
+    let mut names: Vec<&str> = built_in().iter().map(|kind| kind.name).collect();
+    for kind in &kinds {
+        let name = kind().name;
+        if names.contains(&name) {
+            return Err(AddKindsError::Name(name));
+        }
+        names.push(name);
+    }
+    ADDED.set(kinds).map_err(|_| AddKindsError::Again)
+}
+
+/// The table of all kinds: those of this crate, and those that [`add_kinds`] added.
 pub fn registry() -> Registry {
+    ADDED.get().into_iter().flatten().fold(built_in(), |registry, kind| registry.with(kind()))
+}
+
+/// The table of the kinds of this crate.
+fn built_in() -> Registry {
     Registry::new(vec![
         KindEntry::of::<alpha_shadow::AlphaShadow>(),
         KindEntry::of::<camera::Camera>(),

@@ -185,6 +185,7 @@ impl Command {
             Verb::Plan(verb) => verb.json,
             Verb::Explain(verb) => verb.json,
             Verb::Inspect(verb) => verb.json,
+            Verb::Nodes(verb) => verb.json,
             Verb::Watch(verb) => verb.json,
             Verb::Knobs(verb) => verb.json,
             Verb::Tune(verb) => verb.json,

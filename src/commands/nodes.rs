@@ -1,7 +1,8 @@
 //! `nodes`: lists and describes the kinds, from the table that is also used to check graphs.
 
 use clap::Args;
-use engine::{Arity, KindEntry, PRESETS, PortSpec, Registry, Role};
+use engine::{Arity, KindEntry, PRESETS, ParamSpec, PortSpec, Registry, Role};
+use serde_json::{Value, json};
 
 use crate::session::Error;
 use crate::terminal::{self, paragraphs, wrapped};
@@ -17,6 +18,9 @@ pub struct Nodes {
     /// Print the whole reference as Markdown
     #[arg(long)]
     markdown: bool,
+    /// Print one JSON object per line on standard output: one for each kind, or only the named kind
+    #[arg(long, conflicts_with = "markdown")]
+    pub json: bool,
 }
 
 /// The stages of a pipeline, in order, each with its kinds. Kinds whose names begin with `load-` also belong to the
@@ -47,6 +51,14 @@ impl Nodes {
     pub fn run(self) -> Result<u8, Error> {
         let registry = nodes::registry();
         let width = terminal::width();
+        if self.json {
+            let kinds: Vec<&KindEntry> = match &self.kind {
+                Some(name) => vec![registry.get(name).ok_or_else(|| unknown(&registry, name))?],
+                None => registry.iter().map(|kind| &**kind).collect(),
+            };
+            kinds.into_iter().for_each(|kind| terminal::json_line(&kind_json(kind)));
+            return Ok(0);
+        }
         let text = match &self.kind {
             Some(name) => match registry.get(name) {
                 Some(kind) => describe(kind, width),
@@ -114,9 +126,7 @@ fn found(registry: &Registry, word: &str, width: usize) -> Result<String, Error>
         registry.iter().filter_map(|kind| Some((rank(kind)?, &**kind))).collect();
     kinds.sort_by_key(|(rank, _)| *rank);
     if kinds.is_empty() {
-        let near = engine::nearest(word, registry.iter().map(|kind| kind.name));
-        let hint = near.map(|near| format!(", did you mean `{near}`?")).unwrap_or_default();
-        return Err(Error::usage(format!("no kind is named `{word}` or mentions this word{hint}")));
+        return Err(unknown(registry, word));
     }
     let mut text = String::new();
     for (title, ranks) in
@@ -129,6 +139,54 @@ fn found(registry: &Registry, word: &str, width: usize) -> Result<String, Error>
         }
     }
     Ok(text)
+}
+
+/// The error for a word that is neither the name of a kind nor mentioned by one.
+fn unknown(registry: &Registry, word: &str) -> Error {
+    let near = engine::nearest(word, registry.iter().map(|kind| kind.name));
+    let hint = near.map(|near| format!(", did you mean `{near}`?")).unwrap_or_default();
+    Error::usage(format!("no kind is named `{word}` or mentions this word{hint}"))
+}
+
+/// The description of a kind as JSON.
+fn kind_json(kind: &KindEntry) -> Value {
+    let ports = |ports: &[PortSpec]| -> Vec<Value> { ports.iter().map(port_json).collect() };
+    let outputs = if kind.sink_param().is_some() { &[] } else { kind.outputs.as_slice() };
+    json!({
+        "event": "kind", "name": kind.name, "graph_name": kind.camel_name(), "version": kind.version,
+        "stage": stage(kind.name), "doc": paragraphs(kind.doc).join("\n\n"),
+        "parameters": kind.params.iter().map(param_json).collect::<Vec<_>>(),
+        "inputs": ports(&kind.inputs), "outputs": ports(outputs),
+    })
+}
+
+fn port_json(port: &PortSpec) -> Value {
+    let wires = match port.arity {
+        Arity::One => "one",
+        Arity::Optional => "optional",
+        Arity::Many => "many",
+    };
+    json!({"name": port.name, "type": port.artifact.name, "wires": wires, "doc": paragraphs(port.doc).join(" ")})
+}
+
+fn param_json(param: &ParamSpec) -> Value {
+    let choice = |(word, doc): (&str, &str)| json!({"name": word, "doc": paragraphs(doc).join(" ")});
+    let presets = |ladder: &[&str]| -> serde_json::Map<String, Value> {
+        let set = PRESETS.iter().zip(ladder).filter(|(_, value)| !value.is_empty());
+        set.map(|(preset, value)| ((*preset).to_owned(), json!(value))).collect()
+    };
+    let file = match param.role {
+        Role::Value => None,
+        Role::Input => Some("input"),
+        Role::Output => Some("output"),
+    };
+    json!({
+        "name": param.name, "type": (param.describe)(), "default": (param.default)(),
+        "range": param.range.map(|(low, high)| [low, high]), "unit": param.unit, "file": file,
+        "choices": (param.choices)().into_iter().map(choice).collect::<Vec<_>>(),
+        "presets": param.knob.as_ref().map(|knob| presets(&knob.ladder)),
+        "doc": paragraphs(param.doc).join("\n\n"),
+    })
 }
 
 /// Column at which descriptions begin, to the right of the names.

@@ -86,6 +86,15 @@ pub fn on_interrupt() -> Result<Arc<AtomicBool>, Error> {
     Ok(cancel)
 }
 
+/// Calls `stop` when standard input reaches its end, on a thread of its own. The input itself is ignored.
+pub fn at_end_of_input(stop: impl FnOnce() + Send + 'static) {
+    std::thread::spawn(move || {
+        // If standard input cannot be read, it has ended as well.
+        let _ = std::io::copy(&mut std::io::stdin().lock(), &mut std::io::sink());
+        stop();
+    });
+}
+
 /// The folder of the cache: `named` if given, otherwise the folder in the environment variable
 /// `LIGHTHARMONY_CACHE`, otherwise the user's cache folder.
 pub fn cache_folder(named: Option<&Path>) -> Result<PathBuf, Error> {

@@ -22,7 +22,7 @@ pub mod splats;
 pub mod standing;
 
 pub use compute::compute;
-pub use engine::{EngineArgs, cache_folder, on_interrupt, size, time};
+pub use engine::{EngineArgs, at_end_of_input, cache_folder, on_interrupt, size, time};
 pub use error::Error;
 pub use graph::{GraphArgs, Loaded};
 pub use names::{find, wires};

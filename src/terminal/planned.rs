@@ -1,6 +1,6 @@
 //! The plan of a node as JSON.
 
-use engine::{Change, Engine, Fate, Graph, Planned, Why};
+use engine::{Change, Digest, Engine, Fate, Graph, Planned, Why};
 use serde_json::{Value, json};
 
 use super::causes::reason;
@@ -20,8 +20,10 @@ pub fn planned_json(engine: &Engine, graph: &Graph, index: usize, node: &Planned
         json!({"seconds": last.seconds, "cpu_seconds": last.cpu_seconds, "memory_bytes": last.memory,
                "counts": last.counts})
     });
+    // The key is the digest of its manifest.
+    let key = node.manifest.as_ref().map(|manifest| Digest::of(manifest.as_bytes()).to_string());
     json!({
-        "event": "planned", "id": node.id, "kind": node.kind, "fate": fate, "follows": after,
+        "event": "planned", "id": node.id, "kind": node.kind, "fate": fate, "follows": after, "key": key,
         "forecast": node.forecast, "why": reason(graph, index, &node.fate),
         "changes": changes_json(changes), "last": last,
     })

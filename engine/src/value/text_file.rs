@@ -35,6 +35,7 @@ pub fn read_text(path: &Path, limit: u64) -> Result<String> {
 }
 
 fn type_name(found: FileType) -> &'static str {
+    // The standard library distinguishes these only on Unix.
     #[cfg(unix)]
     {
         use std::os::unix::fs::FileTypeExt;

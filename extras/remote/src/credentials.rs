@@ -79,7 +79,7 @@ pub(crate) fn text(path: &Path, longest: u64, is_secret: bool) -> Result<String,
             return Err(TrustError::Permissions { path: path.to_owned() });
         }
     }
-    // Access control lists of other systems are not read.
+    // Windows has no permission bits to check.
     #[cfg(not(unix))]
     let _ = is_secret;
     let mut text = String::new();

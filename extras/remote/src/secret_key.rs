@@ -41,6 +41,7 @@ impl SecretKey {
         }
         let mut options = OpenOptions::new();
         options.write(true).create_new(true);
+        // Windows has no permission bits; a new file inherits the access list of its folder.
         #[cfg(unix)]
         std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
         let mut file = options.open(path).map_err(|error| match error.kind() {

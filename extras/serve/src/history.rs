@@ -321,6 +321,7 @@ fn json(line: &Line) -> io::Result<Vec<u8>> {
 
 /// Options for a file that only its owner may read.
 fn private(options: &mut OpenOptions) -> &mut OpenOptions {
+    // Windows has no permission bits; a new file inherits the access list of its folder.
     #[cfg(unix)]
     {
         use std::os::unix::fs::OpenOptionsExt;

@@ -2,9 +2,9 @@
 
 mod trace;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use clap::Args;
@@ -15,7 +15,8 @@ use trace::Trace;
 use crate::session::agreement::{self, Done, Memory};
 use crate::session::origin::Origin;
 use crate::session::{
-    EngineArgs, Error, GraphArgs, Loaded, RemoteArgs, budget, cache_folder, locked, on_interrupt, time,
+    EngineArgs, Error, GraphArgs, Loaded, RemoteArgs, at_end_of_input, budget, cache_folder, locked,
+    on_interrupt, time,
 };
 use crate::terminal::{self, Report};
 
@@ -54,6 +55,10 @@ pub struct Run {
     /// result is degraded
     #[arg(long, conflicts_with = "json")]
     openjd: bool,
+    /// Stop when standard input reaches its end, as after Ctrl-C. A program that starts this one and keeps the other
+    /// end of a pipe open thus also stops it by ending, even if it is killed
+    #[arg(long)]
+    stop_at_eof: bool,
     /// Also print cached nodes, counts, and all notes of nodes
     #[arg(long, short)]
     verbose: bool,
@@ -79,6 +84,11 @@ impl Run {
         if time.is_some_and(|time| time.is_zero()) {
             return Err(Error::usage("`--time` must be above 0"));
         }
+        if self.stop_at_eof && self.graph.graph == Path::new("-") {
+            return Err(Error::usage(
+                "`--stop-at-eof` cannot be used with a graph from standard input; write the graph to a file",
+            ));
+        }
         let mut texts = Vec::new();
         let origin = self.graph.read(&mut texts)?;
         if let Some(outcome) = self.unchanged(&origin)? {
@@ -88,6 +98,10 @@ impl Run {
         loaded.check_outputs(&self.out)?;
         self.trace.as_deref().map_or(Ok(()), |trace| loaded.check_output(trace))?;
         let cancel = on_interrupt()?;
+        if self.stop_at_eof {
+            let stop = cancel.clone();
+            at_end_of_input(move || stop.store(true, Ordering::Relaxed));
+        }
         let (engine, remote) = self.remote.connect(engine, &cancel, |warning| self.report().show(warning))?;
         if let Some(error) = self.max_error {
             let sets_error =

@@ -17,7 +17,7 @@ use engine::{Graph, Load, Refusal, WatchOptions};
 use page::{Capture, LivePage};
 
 use crate::session::origin::is_written_once;
-use crate::session::{EngineArgs, Error, GraphArgs};
+use crate::session::{EngineArgs, Error, GraphArgs, at_end_of_input};
 use crate::terminal::{self, Report};
 
 /// Runs a graph again whenever it or a file it reads changes. Ctrl-C ends the command.
@@ -39,6 +39,10 @@ pub struct Watch {
     /// Print one JSON object per line on standard output
     #[arg(long)]
     pub json: bool,
+    /// Stop when standard input reaches its end, as after Ctrl-C. A program that starts this one and keeps the other
+    /// end of a pipe open thus also stops it by ending, even if it is killed
+    #[arg(long)]
+    stop_at_eof: bool,
     /// Also print cached nodes, counts, and all notes of nodes
     #[arg(long, short)]
     verbose: bool,
@@ -107,6 +111,10 @@ impl Watch {
             }
             handle.quit();
         })?;
+        if self.stop_at_eof {
+            let handle = watch.handle();
+            at_end_of_input(move || handle.quit());
+        }
         let mut report = if self.json { Report::json() } else { Report::lines(self.verbose) };
         if let Some(page) = &page {
             match self.json {
