@@ -1,9 +1,9 @@
 //! The state of the watched graph, as a page shows it.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::time::Instant;
 
-use engine::{Digest, Event, Graph, Mistake, Note, State as Ended, StoredOutput};
+use engine::{Digest, Event, Graph, Mistake, Note, State as Ended, StoredOutput, Wire};
 use serde::Serialize;
 use serde_json::{Value, json};
 
@@ -69,7 +69,7 @@ pub struct NodeState {
     key: Option<Digest>,
 }
 
-/// Pictures that a run has shown, from the first preview to the result.
+/// The pictures that the targets of the graph read, after a preview or at the end of a run.
 #[derive(Debug, Clone, Serialize)]
 pub struct Refinement {
     /// The parameter that limits the preview, its limit, its value in the graph, and the side of the blocks of
@@ -77,7 +77,7 @@ pub struct Refinement {
     pass: Option<Value>,
     /// Time since the start of the run in seconds.
     seconds: f64,
-    /// Type and digest of each value, by node and output.
+    /// Type and digest of each picture, by node and output.
     values: BTreeMap<String, (String, String)>,
 }
 
@@ -123,8 +123,10 @@ pub struct State {
 
 /// Maximum number of earlier values that pages may request.
 const MOST_RECENT: usize = 1000;
-/// Maximum number of pictures of one run that are kept.
+/// Maximum number of previews of one run that are kept.
 const MOST_REFINEMENTS: usize = 64;
+/// Maximum number of pictures of each preview that are kept.
+const MOST_PICTURES: usize = 256;
 /// Maximum number of warnings that are kept.
 const MOST_WARNINGS: usize = 20;
 
@@ -268,14 +270,28 @@ impl State {
     /// Records the pictures of a preview or of the result.
     fn refined(&mut self) {
         let Some(began) = self.began else { return };
+        let made = self.made();
+        let values = self.shown().into_iter().filter(|(name, _)| made.contains(name)).take(MOST_PICTURES);
         let refinement = Refinement {
             pass: self.pass.clone(),
             seconds: began.elapsed().as_secs_f64(),
-            values: self.shown(),
+            values: values.collect(),
         };
         if self.refinements.len() < MOST_REFINEMENTS {
             self.refinements.push(refinement);
         }
+    }
+
+    /// Names of the outputs that the targets of the graph read.
+    fn made(&self) -> BTreeSet<String> {
+        let Some(graph) = &self.graph else { return BTreeSet::new() };
+        let targets = if self.only.is_empty() { graph.targets() } else { self.only.clone() };
+        let wires = targets.into_iter().flat_map(|target| graph.nodes[target].inputs.iter().flatten());
+        let name = |wire: &Wire| {
+            let node = &graph.nodes[wire.node];
+            format!("{}.{}", node.id, node.kind.outputs[wire.port].name)
+        };
+        wires.map(name).collect()
     }
 
     /// The notes and the key of the last result of a node.
