@@ -34,7 +34,7 @@ fn fusion(gain: Gain) -> FuseHdr {
         blend: Blend::Ramp,
         transfer: Transfer::Srgb,
         gain,
-        hue: Hue::Base,
+        hue: Hue::Predicted,
         feather_deg: 0.0,
         ground_albedo: None,
     }
@@ -71,6 +71,7 @@ fn the_true_bracket_gives_the_true_light_but_for_the_sun() {
     let (width, height) = (exposures[0].width, exposures[0].height);
     let brackets = Brackets {
         log2_gain: Image::new(width, height, 1),
+        colour: None,
         evs: vec![-6.0, -3.0],
         exposures,
         taken: nodes::types::Taken::Display,
