@@ -2,9 +2,9 @@
 
     python tests/tables/light_baselines.py HDRI PEERS OUT [STEPS]
 
-HDRI holds the panoramas, PEERS the scripts of the prior study, which are imported: `eval_pano.py` (regression) and
+HDRI holds the panoramas (several folders are separated by commas), PEERS the scripts of the prior study, which are imported: `eval_pano.py` (regression) and
 `train_unet.py` (network, its sampling, loss and optimiser; its clock is replaced by STEPS steps, by default 700, of six
-pictures). Places and parts are those of `train-exposure`. Writes OUT/region/NAME.exr and OUT/network/NAME.exr, each
+pictures; 0 leaves the network out). Places and parts are those of `train-exposure`. Writes OUT/region/NAME.exr and OUT/network/NAME.exr, each
 from what never saw its place; networks that are done are kept in OUT and not trained again.
 """
 
@@ -14,7 +14,8 @@ import sys
 import numpy as np
 import torch
 
-hdri, peers, out = (os.path.abspath(folder) for folder in sys.argv[1:4])
+folders = sys.argv[1].split(",")
+peers, out = (os.path.abspath(folder) for folder in sys.argv[2:4])
 STEPS = int(sys.argv[4]) if len(sys.argv) > 4 else 700
 SEED = 7
 sys.path.insert(0, peers)
@@ -64,19 +65,21 @@ def write(kind, name, image):
 
 torch.set_num_threads(1)
 os.makedirs(out, exist_ok=True)
-panoramas = pl.load_dir(hdri)
+panoramas = dict(sorted((name, image) for folder in folders for name, image in pl.load_dir(folder).items()))
 places = places_of(panoramas)
 part_of = {name: place % PARTS for name, place in zip(panoramas, places)}
 print(len(panoramas), "panoramas of", len(set(places)), "places", flush=True)
 for part in range(PARTS):
     learns = {name: image for name, image in panoramas.items() if part_of[name] != part}
     region = ev.Classical().fit(learns.values(), np.random.default_rng(0))
-    network = trained(learns, part)
+    network = trained(learns, part) if STEPS else None
     for name, image in panoramas.items():
         if part_of[name] != part:
             continue
         photograph = pl.ldr(image * pl.expose_scale(image))
         write("region", name, light(photograph, region(photograph)))
+        if network is None:
+            continue
         with torch.no_grad():
             told = unet.predict_lum(network, torch.tensor(photograph).permute(2, 0, 1)[None])[0][0, 0]
         write("network", name, light(photograph, told.numpy()))

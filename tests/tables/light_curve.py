@@ -1,6 +1,6 @@
 """What more places would bring: the learning curve of docs/evidence/light.md.
 
-    lightharmony train-exposure HDRI --folds 0 --members 1 --steps 1 --numbers numbers.csv
+    lightharmony train-exposure HDRI HDRI2 --folds 0 --members 1 --steps 1 --numbers numbers.csv
     python tests/tables/light_curve.py numbers.csv
 
 The amount of hidden light is fitted as `training/amount.rs` does, to a part of the places, and judged on the plain

@@ -62,10 +62,10 @@ impl Default for Recipe {
         Self {
             units: 12,
             steps: 200,
-            batch: 48,
+            batch: 32,
             rate: 0.02,
-            contrast: 0.3,
-            place: 2.5,
+            contrast: 1.0,
+            place: 1.0,
             decay: [0.005, 0.003],
         }
     }

@@ -34,7 +34,8 @@ pub fn label(mask: &[bool], width: usize) -> Regions {
     Regions { of, count: count as usize }
 }
 
-fn neighbours(at: usize, width: usize, len: usize) -> [Option<usize>; 4] {
+/// Pixels above, below, left and right of a pixel. Rows wrap around; `None` beyond the first and the last row.
+pub fn neighbours(at: usize, width: usize, len: usize) -> [Option<usize>; 4] {
     let x = at % width;
     let row = at - x;
     [

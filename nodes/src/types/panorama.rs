@@ -41,6 +41,10 @@ pub struct Brackets {
     /// log2 of (true luminance / clipped luminance), 0 where nothing is clipped; one channel, of the
     /// size of the panorama.
     pub log2_gain: Image<Data>,
+    /// Linear RGB of the hidden light of each pixel, scaled to a luminance of 1; 0 where nothing is clipped. Three
+    /// channels, of the size of the panorama. `None` if the method does not predict a colour. Hidden light then has
+    /// the colour that the panorama shows.
+    pub colour: Option<Image<Data>>,
     /// Exposure values, ascending (darkest first), of the pictures in `exposures`.
     pub evs: Vec<f64>,
     /// For each of `evs`, the photograph that a camera would take, display-encoded. It is clipped to 1 unless
@@ -149,10 +153,14 @@ impl Artifact for Panorama {
 
 impl Artifact for Brackets {
     const TYPE: &'static str = "brackets";
-    const FORMAT: u32 = 3;
+    const FORMAT: u32 = 4;
 
     fn encode(&self, to: &mut Encoder) {
         encode_picture(&Picture::Data(self.log2_gain.clone()), to);
+        to.u8(u8::from(self.colour.is_some()));
+        if let Some(colour) = &self.colour {
+            encode_picture(&Picture::Data(colour.clone()), to);
+        }
         to.f64s(&self.evs);
         for exposure in &self.exposures {
             encode_picture(&Picture::Srgb(exposure.clone()), to);
@@ -162,8 +170,15 @@ impl Artifact for Brackets {
     }
 
     fn decode(from: &mut Decoder<'_>) -> Result<Self, Corrupt> {
-        let Picture::Data(log2_gain) = decode_picture(from)? else {
-            return Err(Corrupt("the gain map is stored as colours instead of as plain numbers".to_owned()));
+        let data = |what: &str, from: &mut Decoder<'_>| match decode_picture(from)? {
+            Picture::Data(image) => Ok(image),
+            _ => Err(Corrupt(format!("the {what} is stored as colours instead of as plain numbers"))),
+        };
+        let log2_gain = data("gain map", from)?;
+        let colour = match from.u8()? {
+            0 => None,
+            1 => Some(data("colour of hidden light", from)?),
+            other => return Err(Corrupt(format!("the code {other} of the presence of colour is unknown"))),
         };
         let evs = from.f64s()?;
         let exposures = evs
@@ -181,12 +196,13 @@ impl Artifact for Brackets {
                 return Err(Corrupt(format!("the code {other} of the source of the exposures is unknown")));
             }
         };
-        Ok(Self { log2_gain, evs, exposures, taken, report: Report::decode(from)? })
+        Ok(Self { log2_gain, colour, evs, exposures, taken, report: Report::decode(from)? })
     }
 
     fn bytes(&self) -> usize {
         let exposures: usize = self.exposures.iter().map(|image| image.samples.len()).sum();
-        (self.log2_gain.samples.len() + exposures) * 4 + 256
+        let colour = self.colour.as_ref().map_or(0, |image| image.samples.len());
+        (self.log2_gain.samples.len() + colour + exposures) * 4 + 256
     }
 
     fn difference(&self, other: &Self) -> Difference {

@@ -17,8 +17,9 @@ use crate::terminal::training::Follow;
 /// Trains the learned exposure prediction on HDR panoramas.
 #[derive(Debug, Args)]
 pub struct TrainExposure {
-    /// A folder of whole HDR panoramas, .exr or .hdr, at least 256x128
-    panoramas: PathBuf,
+    /// Folders of whole HDR panoramas, .exr or .hdr, at least 256x128
+    #[arg(required = true)]
+    panoramas: Vec<PathBuf>,
     /// The weights file to write; finished networks are kept next to it, so that an interrupted training can be
     /// continued
     #[arg(long, default_value = "exposure.safetensors")]
@@ -78,7 +79,7 @@ impl TrainExposure {
         if self.backend == Backend::FluxKontext {
             return self.lora.run(&panoramas(&self.panoramas)?, &self.out, self.seed, self.steps);
         }
-        let panoramas = read_folder(&self.panoramas)?;
+        let panoramas = read(&panoramas(&self.panoramas)?)?;
         let recipe = Recipe { steps: self.steps as usize, ..Recipe::default() };
         let plan = Plan {
             seed: self.seed,
@@ -129,29 +130,43 @@ impl TrainExposure {
     }
 }
 
-/// The HDR panoramas in a folder, in order of their names.
-fn panoramas(folder: &Path) -> Result<Vec<PathBuf>, String> {
-    let failed = |error: std::io::Error| format!("cannot read `{}`: {error}", folder.display());
-    let mut paths: Vec<PathBuf> = std::fs::read_dir(folder)
-        .and_then(|entries| entries.map(|entry| entry.map(|e| e.path())).collect())
-        .map_err(failed)?;
-    let is = |path: &PathBuf, end: &str| path.extension().is_some_and(|it| it.eq_ignore_ascii_case(end));
-    paths.retain(|path| is(path, "exr") || is(path, "hdr"));
-    paths.sort();
-    if paths.is_empty() {
-        return Err(format!("`{}` contains no .exr or .hdr file", folder.display()));
+/// The HDR panoramas in some folders, in order of their names. Two files with the same name, apart from the
+/// extension, are an error, since results are stored by name.
+fn panoramas(folders: &[PathBuf]) -> Result<Vec<PathBuf>, String> {
+    let mut paths = Vec::new();
+    for folder in folders {
+        let failed = |error: std::io::Error| format!("cannot read `{}`: {error}", folder.display());
+        let mut found: Vec<PathBuf> = std::fs::read_dir(folder)
+            .and_then(|entries| entries.map(|entry| entry.map(|e| e.path())).collect())
+            .map_err(failed)?;
+        let is = |path: &PathBuf, end: &str| path.extension().is_some_and(|it| it.eq_ignore_ascii_case(end));
+        found.retain(|path| is(path, "exr") || is(path, "hdr"));
+        if found.is_empty() {
+            return Err(format!("`{}` contains no .exr or .hdr file", folder.display()));
+        }
+        paths.append(&mut found);
     }
-    Ok(paths)
+    paths.sort_by_key(|path| (name(path), path.clone()));
+    match paths.windows(2).find(|pair| name(&pair[0]) == name(&pair[1])) {
+        Some([a, b]) => {
+            Err(format!("`{}` and `{}` have the same name; rename one", a.display(), b.display()))
+        }
+        _ => Ok(paths),
+    }
 }
 
-fn read_folder(folder: &Path) -> Result<Vec<(String, nodes::types::Image<nodes::types::Linear>)>, String> {
+/// Name of a panorama: the name of its file without the extension.
+fn name(path: &Path) -> String {
+    path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+fn read(paths: &[PathBuf]) -> Result<Vec<(String, nodes::types::Image<nodes::types::Linear>)>, String> {
     let read = |path: &PathBuf| {
         let bytes = std::fs::read(path).map_err(|e| format!("cannot read `{}`: {e}", path.display()))?;
-        let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let image = training::read(&path.display().to_string(), &bytes).map_err(|e| e.to_string())?;
-        Ok((name, image))
+        Ok((name(path), image))
     };
-    panoramas(folder)?.iter().map(read).collect()
+    paths.iter().map(read).collect()
 }
 
 /// Formats a table of the mean and median errors, in stops, over panoramas outside the training set. The table has

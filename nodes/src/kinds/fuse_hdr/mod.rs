@@ -36,12 +36,15 @@ engine::choices! {
 engine::choices! {
     /// Source of the colour of recovered light.
     pub enum Hue {
+        /// The colour that the method predicts for hidden light. The light that the panorama shows keeps its own
+        /// colour. If the method predicts no colour, this is the same as `Base`.
+        Predicted,
         /// The colour of the panorama, as in the paper; white where all channels are clipped.
         Base,
         /// The colour of the brightest exposure that is not clipped at a pixel, blended with the colour of the
         /// panorama where the panorama is only partly clipped. If every exposure is clipped, it is the colour of
-        /// the panorama. This setting matters only for the method `Photographs`, since the exposures of other
-        /// methods have the colour of the panorama.
+        /// the panorama. This setting matters only for the method `Photographs`; for other methods it is the same as
+        /// `Predicted`.
         Exposures,
     }
 }
@@ -62,8 +65,8 @@ engine::params! {
         transfer: Transfer = Transfer::Srgb, other("Gamma24");
         /// Form of the prediction that is fused: the gain map in floats, or the list of exposures.
         gain: Gain = Gain::Direct, other("Brackets");
-        /// Source of the colour of recovered light. Predicted exposures have the colour of the panorama.
-        hue: Hue = Hue::Base, other("Exposures"), inert("exposures that were predicted have the panorama's colour");
+        /// Source of the colour of recovered light.
+        hue: Hue = Hue::Predicted, other("Base");
         /// Angle over which recovered light rises from its edge to full strength. Each light keeps its total, so
         /// its middle becomes brighter; with `Brackets` it may exceed the white of the darkest exposure.
         feather_deg: f64 = 0.0, range(0.0, 10.0), unit("deg"), other("9.0"), inert("a light no wider than a pixel does not change");
@@ -102,7 +105,7 @@ const WHITE: f32 = 0.999;
 
 impl Kind for FuseHdr {
     const NAME: &'static str = "fuse-hdr";
-    const VERSION: u32 = 8;
+    const VERSION: u32 = 9;
     type Params = Self;
     type In = In;
     type Out = Out;
@@ -151,8 +154,12 @@ impl Kind for FuseHdr {
             lights.record("feathered", |at| fused[at].luminance);
         }
         let mut image = Image::<Linear>::new(width, height, 3);
-        for ((to, rgb), fused) in image.samples.chunks_exact_mut(3).zip(&pixels.rgb).zip(&fused) {
-            to.copy_from_slice(&apply(*rgb, fused.luminance));
+        let colour = brackets.colour.as_ref().filter(|_| params.hue != Hue::Base);
+        for (at, ((to, rgb), fused)) in
+            image.samples.chunks_exact_mut(3).zip(&pixels.rgb).zip(&fused).enumerate()
+        {
+            let colour = colour.map(|colour| colour.rgb(at % width, at / width));
+            to.copy_from_slice(&apply(*rgb, fused.luminance, colour));
         }
         // Derived exposures were made from the panorama with the sRGB curve; with another curve they would seem to
         // have another colour.
@@ -206,6 +213,7 @@ fn check_sizes(base: &Panorama, brackets: &Brackets) -> Result<(), NodeError> {
     }
     let fits = sized(map.width, map.height)
         && map.channels == 1
+        && brackets.colour.iter().all(|c| sized(c.width, c.height) && c.channels == 3)
         && brackets.exposures.len() == brackets.evs.len()
         && brackets.exposures.iter().all(|e| sized(e.width, e.height) && e.channels == 3);
     if !fits {
@@ -345,12 +353,17 @@ fn merge(params: &FuseHdr, darker: Fused, brighter: [f32; 3], own: Fused, measur
     }
 }
 
-/// The colour of the base, scaled to the fused luminance: HDR = E'_N / L_N * I_N. Where fusion changed nothing the
-/// colour is returned unchanged, so that black stays black and nothing is rounded.
-fn apply(rgb: [f32; 3], fused: f64) -> [f32; 3] {
+/// RGB of a pixel with the fused luminance. If a colour is given, the light by which the pixel becomes brighter has
+/// this colour, whose luminance is 1. Otherwise the colour of the base is scaled: HDR = E'_N / L_N * I_N. Where
+/// fusion changed nothing, the base is returned unchanged, so that black stays black and nothing is rounded.
+fn apply(rgb: [f32; 3], fused: f64, colour: Option<[f32; 3]>) -> [f32; 3] {
     let own = f64::from(luminance(rgb));
     if fused == own {
         return rgb;
+    }
+    if let Some(colour) = colour.filter(|colour| fused > own && luminance(*colour) > 0.0) {
+        let lit = |c: usize| f64::from(rgb[c]) + f64::from(colour[c]) * (fused - own);
+        return [0, 1, 2].map(|c| lit(c).min(f64::from(f32::MAX)) as f32);
     }
     rgb.map(|v| (f64::from(v) * (fused / own)).min(f64::from(f32::MAX)) as f32)
 }

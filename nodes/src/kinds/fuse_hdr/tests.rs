@@ -18,7 +18,7 @@ fn params() -> FuseHdr {
         blend: Blend::Ramp,
         transfer: Transfer::Srgb,
         gain: Gain::Direct,
-        hue: Hue::Base,
+        hue: Hue::Predicted,
         feather_deg: 0.0,
         ground_albedo: None,
     }
@@ -64,6 +64,7 @@ fn photograph(
     };
     let brackets = Brackets {
         log2_gain: Image::<Data>::from_samples(W, H, 1, (0..W * H).map(gain).collect()),
+        colour: None,
         evs: evs.to_vec(),
         exposures: evs.iter().map(|&ev| take(ev)).collect(),
         taken: Taken::Display,
@@ -94,6 +95,36 @@ fn paper_pixel(codes: &[[f64; 3]], evs: &[f64]) -> [f64; 3] {
     }
     let last = linear[codes.len() - 1];
     last.map(|v| if lum(last) > 0.0 { e / lum(last) * v } else { 0.0 })
+}
+
+// Hidden light gets the predicted colour, and the light that the panorama shows keeps its own. The luminance does not
+// depend on the colour. This test fails if `apply` ignores `colour`, or if `Hue::Base` does not.
+#[test]
+fn hidden_light_has_the_predicted_colour() {
+    let light = |at: usize| if at == 100 { [40.0; 3] } else { [0.2, 0.3, 0.1] };
+    let (base, brackets) = photograph(&light, &[-3.0], Transfer::Srgb, None);
+    let warm = [2.0_f32, 1.0, 0.25];
+    let warm = warm.map(|v| v / luminance(warm));
+    let mut colour = Image::<Data>::new(W, H, 3);
+    colour.samples[300..303].copy_from_slice(&warm);
+    let brackets = Brackets { colour: Some(colour), taken: Taken::Derived, ..(*brackets).clone() };
+    let brackets = Arc::new(brackets);
+    for (hue, wanted) in [
+        (Hue::Predicted, warm.map(|v| 1.0 + 39.0 * v)),
+        (Hue::Exposures, warm.map(|v| 1.0 + 39.0 * v)),
+        (Hue::Base, [40.0; 3]),
+    ] {
+        let (out, _) = run(&FuseHdr { hue, ..params() }, (base.clone(), brackets.clone()));
+        let found = out.env.image.rgb(100 % W, 100 / W);
+        assert!((0..3).all(|c| (found[c] / wanted[c] - 1.0).abs() < 1e-4), "{hue:?}: {found:?} {wanted:?}");
+        assert!((luminance(found) / 40.0 - 1.0).abs() < 1e-4);
+        let other = out.env.image.rgb(3, 4);
+        assert!((0..3).all(|c| (other[c] - light(0)[c]).abs() < 1e-5), "{other:?}");
+    }
+    // Without a prediction, the colour of the panorama counts.
+    let plain = Arc::new(Brackets { colour: None, ..(*brackets).clone() });
+    let (out, _) = run(&params(), (base, plain));
+    assert!(out.env.image.rgb(100 % W, 100 / W).iter().all(|v| (v / 40.0 - 1.0).abs() < 1e-4));
 }
 
 #[test]

@@ -76,6 +76,7 @@ impl<'a> Clipped<'a> {
             mean_log2_gain: given.mean_log2_gain,
             peak_log2_gain: given.peak_log2_gain,
             uncertainty: None,
+            colour: None,
         }
     }
 }
@@ -90,4 +91,6 @@ pub(super) struct RegionLight {
     pub(super) peak_log2_gain: f64,
     /// Standard deviation of the mean gain, in stops; `None` if unknown.
     pub(super) uncertainty: Option<f64>,
+    /// RGB of the hidden light, at a luminance of 1; `None` if it is the colour of the panorama.
+    pub(super) colour: Option<[f64; 3]>,
 }

@@ -14,12 +14,14 @@ use super::{manual, network, region, sun};
 use crate::io::foreign::refuse_placeholder;
 use crate::light::energy_table::EnergyTable;
 use crate::light::linear::LinearPixels;
-use crate::types::{Panorama, Picture};
+use crate::types::{Data, Image, Panorama, Picture};
 
 /// Gain that the method predicts for a panorama.
 pub(super) struct Prediction {
     /// log2 of the gain of each pixel; 0 for pixels that are not clipped.
     pub log2_gain: Vec<f32>,
+    /// RGB of the hidden light of each pixel, at a luminance of 1; `None` if the method does not predict it.
+    pub colour: Option<Image<Data>>,
     /// Regions that the method estimated; empty if the method estimates each pixel separately.
     pub regions: Vec<RegionLight>,
 }
@@ -89,7 +91,7 @@ impl<'a> Clipping<'a> {
         notes: &mut Notes,
         cx: &Context,
     ) -> Result<Prediction, NodeError> {
-        let of_pixels = |log2_gain| Prediction { log2_gain, regions: Vec::new() };
+        let of_pixels = |log2_gain| Prediction { log2_gain, colour: None, regions: Vec::new() };
         match self.method() {
             Method::Skip => Ok(self.nothing()),
             Method::Learned | Method::Region => self.by_regression(table, notes, cx),
@@ -103,7 +105,7 @@ impl<'a> Clipping<'a> {
 
     /// Prediction in which no pixel has a gain.
     fn nothing(&self) -> Prediction {
-        Prediction { log2_gain: vec![0.0; self.mask.len()], regions: Vec::new() }
+        Prediction { log2_gain: vec![0.0; self.mask.len()], colour: None, regions: Vec::new() }
     }
 
     /// Prediction by the method `Learned` if there is a network, and by `Region` otherwise.
@@ -123,15 +125,18 @@ impl<'a> Clipping<'a> {
         sun::report_doubtful(&clipped.grid, clipped.up, &clipped.members, notes);
         let Some(network) = &self.network else {
             let (log2_gain, regions) = region::predict(&clipped, cx)?;
-            return Ok(Prediction { log2_gain, regions });
+            return Ok(Prediction { log2_gain, colour: None, regions });
         };
         let Some(large) = Enlarged::new(&self.pixels, &self.mask, &self.pano.alpha.samples) else {
-            let (log2_gain, regions) = network::predict(network, &clipped, table, cx)?;
-            return Ok(Prediction { log2_gain, regions });
+            let network::Predicted { log2_gain, colour, regions } =
+                network::predict(network, &clipped, table, cx)?;
+            return Ok(Prediction { log2_gain, colour: Some(colour), regions });
         };
         let clipped = Clipped::new(self.pano.up, &large.alpha, (&large.pixels, &large.mask, self.ceiling));
-        let (log2_gain, regions) = network::predict(network, &clipped, table, cx)?;
-        Ok(Prediction { log2_gain: large.gathered(&log2_gain), regions })
+        let network::Predicted { log2_gain, colour, regions } =
+            network::predict(network, &clipped, table, cx)?;
+        let colour = Some(large.gathered_colour(&colour));
+        Ok(Prediction { log2_gain: large.gathered(&log2_gain), colour, regions })
     }
 
     /// log2 gain of each pixel, measured from the photographs.

@@ -6,6 +6,7 @@ use super::grid::WIDTH;
 use crate::light::linear::LinearPixels;
 use crate::math::equirect::pixel_solid_angle;
 use crate::math::num;
+use crate::types::{Data, Image};
 
 /// A panorama of at least [`WIDTH`] columns in which each pixel of a smaller panorama is repeated along rows and
 /// columns.
@@ -48,6 +49,14 @@ impl Enlarged {
             (*after, *before) = (*after + size * num::f64::exp2(f64::from(*gain)), *before + size);
         }
         sums.into_iter().map(|[after, before]| num::f64::log2(after / before).max(0.0) as f32).collect()
+    }
+
+    /// Colour of each original pixel, given the colour of each enlarged pixel. All copies of a pixel are in the same
+    /// region, and so have the same colour.
+    pub fn gathered_colour(&self, colour: &Image<Data>) -> Image<Data> {
+        let (width, height) = (self.pixels.width / self.times, self.pixels.height / self.times);
+        let first = |at: usize| colour.rgb(at % width * self.times, at / width * self.times);
+        Image::from_samples(width, height, 3, (0..width * height).flat_map(first).collect())
     }
 }
 

@@ -39,7 +39,7 @@ engine::inputs! {
 engine::outputs! {
     /// Outputs of `predict-exposure`.
     pub struct Out {
-        /// The log2 gain per pixel, the exposures derived from it, and the regions.
+        /// The log2 gain and the colour of hidden light per pixel, the exposures derived from them, and the regions.
         brackets: Arc<Brackets>,
         /// The exposures as pictures, one view each, with names such as `ev_-6`.
         exposures: Arc<Images>,

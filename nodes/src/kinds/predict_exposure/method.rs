@@ -13,8 +13,8 @@ use crate::types::Panorama;
 /// Method of estimating hidden light.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum Method {
-    /// A regression on the visible light estimates the total amount of hidden light, and small networks distribute
-    /// it over the clipped pixels.
+    /// A regression on the visible light estimates the total amount of hidden light, small networks distribute it
+    /// over the clipped pixels, and a regression estimates its colour.
     Learned,
     /// A regression on nine numbers (size, height, surroundings, shape) estimates the mean brightness of each
     /// connected clipped region.
@@ -186,8 +186,8 @@ impl ParamType for Method {
         vec![
             (
                 "Learned",
-                "A regression on the visible light estimates the total amount of hidden light, and small networks \
-                 distribute it over the clipped pixels.",
+                "A regression on the visible light estimates the total amount of hidden light, small networks \
+                 distribute it over the clipped pixels, and a regression estimates its colour.",
             ),
             (
                 "Region",

@@ -46,7 +46,7 @@ const SPREAD: f64 = 0.05;
 
 impl Kind for PredictExposure {
     const NAME: &'static str = "predict-exposure";
-    const VERSION: u32 = 16;
+    const VERSION: u32 = 17;
     const READS: &'static [ContextField] = &[ContextField::Exhaustive];
     const DATA: &'static [u8] = network::WEIGHTS;
     const SUPPLIED: Option<&'static str> = kontext::SUPPLIED;
@@ -64,7 +64,7 @@ impl Kind for PredictExposure {
             Method::Learned if pano.width < grid::WIDTH => (136, 510 * 510),
             _ => (0, 0),
         };
-        Cost::of([(pixels, 136 + 12 * params.evs.len() as u64), read, (model, 1)])
+        Cost::of([(pixels, 148 + 12 * params.evs.len() as u64), read, (model, 1)])
     }
 
     fn check(params: &Self) -> Result<(), NodeError> {
@@ -112,7 +112,7 @@ impl Kind for PredictExposure {
         let own: Vec<f64> = clipping.pixels.rgb.iter().map(|rgb| f64::from(luminance(*rgb))).collect();
         let mut table = EnergyTable::new(inputs.pano.up, width, &own, SPREAD);
         table.record_panorama("panorama", width, &own, cx)?;
-        let Prediction { log2_gain, regions } = clipping.predict(&mut table, &mut notes, cx)?;
+        let Prediction { log2_gain, colour, regions } = clipping.predict(&mut table, &mut notes, cx)?;
         let light = |(own, gain): (&f64, &f32)| own * num::f64::exp2(f64::from(*gain));
         let predicted: Vec<f64> = own.iter().zip(&log2_gain).map(light).collect();
         table.record_panorama("predicted", width, &predicted, cx)?;
@@ -123,7 +123,12 @@ impl Kind for PredictExposure {
         let exposures = match &clipping.photographs {
             Some(taken) => taken.pictures(&clipping.pixels, &log2_gain, cx)?,
             None => cx.for_each_tile(evs.len(), |i| {
-                Image::from_samples(width, height, 3, expose(&clipping.pixels, &log2_gain, evs[i]))
+                Image::from_samples(
+                    width,
+                    height,
+                    3,
+                    expose(&clipping.pixels, &log2_gain, colour.as_ref(), evs[i]),
+                )
             })?,
         };
         let log2_gain = Image::<Data>::from_samples(width, height, 1, log2_gain);
@@ -135,7 +140,7 @@ impl Kind for PredictExposure {
             .map(|(ev, image)| NamedImage { name: format!("ev_{ev}"), picture: image.clone().into() });
         let pictures = Arc::new(Images(named.collect()));
         let table = Arc::new(report.clone());
-        let brackets = Arc::new(Brackets { log2_gain, evs, exposures, taken, report });
+        let brackets = Arc::new(Brackets { log2_gain, colour, evs, exposures, taken, report });
         Ok((Out { brackets, exposures: pictures, report: table }, notes))
     }
 }
@@ -166,12 +171,18 @@ fn report(method: &Method, clipped: u64, pixels: u64, regions: &[RegionLight]) -
         "peak gain (stops)",
         "uncertainty of the mean gain (stops)",
         "treated as",
+        "red of the hidden light (luminance 1)",
+        "green",
+        "blue",
     ];
     let row = |r: &RegionLight| {
         let numbers = [r.azimuth_deg, r.elevation_deg, r.solid_angle, r.mean_log2_gain, r.peak_log2_gain];
         let uncertainty = r.uncertainty.map_or(Cell::Missing, Cell::Number);
         let name = if r.sun { "the sun" } else { "a light" };
-        numbers.map(Cell::Number).into_iter().chain([uncertainty, Cell::Text(name.to_owned())]).collect()
+        let channel = |c: usize| r.colour.map_or(Cell::Missing, |rgb| Cell::Number(rgb[c]));
+        let mut cells: Vec<Cell> = numbers.map(Cell::Number).into();
+        cells.extend([uncertainty, Cell::Text(name.to_owned()), channel(0), channel(1), channel(2)]);
+        cells
     };
     let table = Table::new("regions", columns, regions.iter().map(row).collect());
     Report { title: "Light hidden by clipping".to_owned(), tables: vec![summary, table] }

@@ -74,6 +74,11 @@ impl Spread {
         Ok(Self { pixels, solid_angle, flux, cell_flux })
     }
 
+    /// Indices of the clipped pixels of region `i`.
+    pub fn pixels(&self, i: usize) -> impl Iterator<Item = usize> {
+        self.pixels[i].iter().map(|&(at, ..)| at as usize)
+    }
+
     /// Writes the log2 gain of each pixel of region `i`, so that together the pixels add `excess` of flux.
     pub fn apply(&self, i: usize, excess: f64, image: &LinearPixels, log2_gain: &mut [f32]) -> Given {
         let light = |at: u32| f64::from(luminance(image.rgb[at as usize]));

@@ -125,7 +125,11 @@ fn flat_panoramas_stay_monotone_and_finite() {
     }
     let white =
         LinearPixels { width: 1, height: 1, rgb: vec![[1.0; 3]], broken: 0, negative: 0, ceiling: true };
-    assert_eq!(expose(&white, &[9.0], -3.0), [1.0; 3], "a light that outshines an exposure is white in it");
+    assert_eq!(
+        expose(&white, &[9.0], None, -3.0),
+        [1.0; 3],
+        "a light that outshines an exposure is white in it"
+    );
 }
 
 /// Largest difference between the gain of a rotated panorama and the gain of the original panorama after the same
@@ -153,6 +157,50 @@ fn rolling_the_panorama_rolls_the_gain() {
         let rolled = run_by(method.clone(), rolled, &[-3.0]).0;
         row(24, "stops that a roll by 77 columns changes", off_turned(&plain, &rolled, shift), 2e-4);
     }
+}
+
+/// The colour of hidden light has a luminance of 1 on clipped pixels, is 0 elsewhere, is shown by the exposures, and
+/// rolls with the panorama. This test fails if `exposed` ignores `colour`, or if the pixels of two regions are
+/// exchanged.
+#[test]
+fn hidden_light_has_a_colour_where_pixels_are_clipped() {
+    for width in [128, 256, 512] {
+        let source = room(width);
+        let brackets = run_by(Method::Learned, source.clone(), &[-12.0]).0;
+        let pixels = linear_pixels(&source.image, Transfer::Srgb);
+        let mask = clip_mask(&source, &pixels, CLIPPED);
+        let colour = brackets.colour.as_ref().expect("is predicted");
+        for (at, clipped) in mask.iter().enumerate() {
+            let rgb = colour.rgb(at % width, at / width);
+            if !clipped {
+                assert_eq!(rgb, [0.0; 3]);
+                continue;
+            }
+            assert!((luminance(rgb) - 1.0).abs() < 1e-4, "{rgb:?}");
+            let gain = num::f32::exp2(brackets.log2_gain.samples[at]);
+            let hidden = luminance(pixels.rgb[at]) * (gain - 1.0);
+            for c in 0..3 {
+                let light = (pixels.rgb[at][c] + rgb[c] * hidden) / 4096.0;
+                let shown = Transfer::Srgb.linear(brackets.exposures[0].samples[3 * at + c]);
+                assert!((shown - light.min(1.0)).abs() < 1e-5, "{at} {c}: {shown} {light}");
+            }
+        }
+        let shift = 77;
+        let rolled = pano(width, |x, y| match &source.image {
+            Picture::Srgb(image) => image.rgb((x + shift) % width, y),
+            _ => unreachable!(),
+        });
+        let rolled = run_by(Method::Learned, rolled, &[-3.0]).0.colour.clone().expect("is predicted");
+        let from = |at: usize| colour.rgb((at % width + shift) % width, at / width);
+        for at in 0..mask.len() {
+            let (found, wanted) = (rolled.rgb(at % width, at / width), from(at));
+            assert!(
+                (0..3).all(|c| (found[c] - wanted[c]).abs() < 1e-4),
+                "{width} {at}: {found:?} {wanted:?}"
+            );
+        }
+    }
+    assert!(run_by(Method::Region, room(256), &[-3.0]).0.colour.is_none());
 }
 
 /// If a panorama that is finer than the grid is rotated, its gain rotates with it, even if the rotation is smaller

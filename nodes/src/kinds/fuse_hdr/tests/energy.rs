@@ -104,6 +104,7 @@ fn the_ramp_keeps_the_flux_of_a_light() {
     gain.samples[500] = 6.0;
     let brackets = Brackets {
         log2_gain: gain,
+        colour: None,
         evs: vec![],
         exposures: vec![],
         taken: Taken::Derived,

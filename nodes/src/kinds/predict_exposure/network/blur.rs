@@ -2,7 +2,7 @@
 //! at every latitude.
 
 /// Number of fields that are averaged together.
-pub(super) const FIELDS: usize = 7;
+pub(super) const FIELDS: usize = 8;
 
 /// Values of the fields in each cell of a panorama, row by row.
 #[derive(Clone)]

@@ -3,6 +3,7 @@
 mod blur;
 mod net;
 mod overview;
+mod rings;
 mod scene;
 
 use engine::{Context, NodeError};
@@ -14,11 +15,12 @@ use crate::error::Error;
 use crate::light::energy_table::EnergyTable;
 use crate::light::measure::luminance;
 use crate::math::num;
+use crate::types::{Data, Image};
 
 pub(super) use self::net::Network;
 #[cfg(feature = "learned")]
-pub(super) use self::net::{AMOUNT, LIMITS};
-pub(super) use self::scene::{CELL, OVERVIEW, Scene};
+pub(super) use self::net::{AMOUNT, HUE, LIMITS};
+pub(super) use self::scene::{CELL, COLOUR, OVERVIEW, Scene};
 
 /// Built-in weights: safetensors in f16, made by `train-exposure` as described in docs/light.md.
 pub(super) const WEIGHTS: &[u8] = include_bytes!("../../../../weights/exposure.safetensors");
@@ -27,7 +29,7 @@ pub(super) const FILE: &str = "exposure.safetensors";
 
 /// Reads a weights file. `file` is the name of the file for messages.
 pub(super) fn parse(file: &str, bytes: &[u8]) -> Result<Network, Error> {
-    Network::parse(file, bytes, OVERVIEW, CELL)
+    Network::parse(file, bytes, [OVERVIEW, CELL, COLOUR])
 }
 
 /// The hidden light that an ensemble of networks predicts. `cells` holds the mean prediction for each clipped cell,
@@ -37,13 +39,32 @@ pub(super) struct Hidden {
     pub disagreement: Vec<f64>,
 }
 
+/// Prediction for a panorama.
+pub(super) struct Predicted {
+    /// log2 gain of each pixel; 0 outside clipped regions.
+    pub log2_gain: Vec<f32>,
+    /// RGB of the hidden light of each pixel, at a luminance of 1; 0 outside clipped regions.
+    pub colour: Image<Data>,
+    /// The light that each region gains.
+    pub regions: Vec<RegionLight>,
+}
+
+/// Reduction of the predicted gain of the total light, in stops. It makes the mean error slightly larger, but places
+/// that hide no light are less often given light.
+const CAUTION: f64 = 0.1;
+
+/// Hidden flux that is used, given the predicted hidden flux and the visible flux.
+pub(super) fn cautious(hidden: f64, visible: f64) -> f64 {
+    (visible * ((1.0 + hidden / visible) * num::f64::exp2(-CAUTION) - 1.0)).max(0.0)
+}
+
 /// Averages the predictions of the members of `network` for `scene`. `regions` is the number of clipped regions.
 pub(super) fn hidden(network: &Network, scene: &Scene, regions: usize) -> Hidden {
     let features: Vec<&[f32]> = scene.cells.iter().map(|cell| cell.features.as_slice()).collect();
     let flux: Vec<f64> = scene.cells.iter().map(|cell| cell.flux).collect();
     let prediction = network.predict(&scene.overview, &features, &flux);
     let count = prediction.shares.len().max(1) as f64;
-    let total = scene.open_flux * num::f64::exp2(prediction.amount);
+    let total = cautious(scene.open_flux * num::f64::exp2(prediction.amount), scene.visible());
     let mut cells = vec![0.0; flux.len()];
     let mut logs = vec![Vec::with_capacity(prediction.shares.len()); regions];
     for shares in &prediction.shares {
@@ -102,13 +123,14 @@ impl Hidden {
     }
 }
 
-/// Predicts the log2 gain of every pixel, which is 0 outside clipped regions, and the light that each region gains.
+/// Predicts the log2 gain of every pixel, which is 0 outside clipped regions, the colour of hidden light, and the light
+/// that each region gains.
 pub(super) fn predict(
     network: &Network,
     clipped: &Clipped<'_>,
     energies: &mut EnergyTable,
     cx: &Context,
-) -> Result<(Vec<f32>, Vec<RegionLight>), NodeError> {
+) -> Result<Predicted, NodeError> {
     let Clipped { up, pixels, mask, ceiling, ref grid, ref labels, .. } = *clipped;
     let scene = Scene::new(grid, up, labels, ceiling);
     cx.check()?;
@@ -158,8 +180,13 @@ pub(super) fn predict(
     };
     let spread = Spread::new(pixels, mask, grid, labels, profile, cx)?;
     let mut found = Vec::with_capacity(labels.count);
+    let mut colour = Image::<Data>::new(pixels.width, pixels.height, 3);
     for (i, excess) in excess.into_iter().enumerate() {
         let given = spread.apply(i, excess, pixels, &mut log2_gain);
+        let rgb = network.colour(&scene.colours[i]);
+        for at in spread.pixels(i) {
+            colour.samples[3 * at..][..3].copy_from_slice(&rgb.map(|v| v as f32));
+        }
         // The increase of the gain for one standard deviation more hidden light, in its logarithm.
         let disagreement = hidden.disagreement[i];
         let error = (network.residual * network.residual + disagreement * disagreement).sqrt();
@@ -168,9 +195,10 @@ pub(super) fn predict(
         found.push(RegionLight {
             sun: scene.suns[i] > 0.0,
             uncertainty,
+            colour: Some(rgb),
             ..clipped.found(i, spread.solid_angle[i], given)
         });
     }
     cx.progress(0.8);
-    Ok((log2_gain, found))
+    Ok(Predicted { log2_gain, colour, regions: found })
 }

@@ -2,23 +2,29 @@
 //! every machine.
 
 use crate::error::Error;
+use crate::light::measure::luminance;
 use crate::math::nn::Weights;
 use crate::math::num;
 
 /// Slope of the activation (leaky ReLU) below 0.
 const LEAK: f32 = 0.1;
-/// Largest absolute value of a scaled feature of a panorama, and of a scaled feature of a cell, in standard
-/// deviations. Larger values are clamped.
-pub(in super::super) const LIMITS: [f32; 2] = [3.0, 4.0];
+/// Largest absolute value of a scaled feature of a panorama, of a cell, and of the features that predict colour, in
+/// standard deviations. Larger values are clamped.
+pub(in super::super) const LIMITS: [f32; 3] = [3.0, 4.0, 3.0];
+/// Largest absolute value of log2 of the ratio of red or blue to green light. Larger values are clamped.
+pub(in super::super) const HUE: f64 = 3.0;
 /// Largest absolute value of log2 of the ratio of hidden to visible light. Larger values are clamped.
 pub(in super::super) const AMOUNT: f64 = 8.0;
 
-/// An affine map that predicts the amount of hidden light, and an ensemble of networks of the same shape that
-/// predict its distribution.
+/// An affine map that predicts the amount of hidden light, two that predict its colour, and an ensemble of networks of
+/// the same shape that predict its distribution.
 pub(in super::super) struct Network {
-    /// Means and standard deviations of the features of a panorama, and of the features of a cell.
-    scales: [(Vec<f32>, Vec<f32>); 2],
+    /// Means and standard deviations of the features of a panorama, of a cell, and of the features that predict
+    /// colour.
+    scales: [(Vec<f32>, Vec<f32>); 3],
     amount: Affine,
+    /// log2 of the ratio of red to green light, and of blue to green light.
+    colour: [Affine; 2],
     members: Vec<Member>,
     /// Part of the uncertainty, in stops, that is not explained by the disagreement of the networks.
     pub residual: f64,
@@ -26,6 +32,7 @@ pub(in super::super) struct Network {
 
 struct Member {
     linear: Vec<f32>,
+    /// For each feature of a cell, the weight of each unit.
     cell: Vec<f32>,
     overview: Vec<Affine>,
     out: Vec<f32>,
@@ -60,7 +67,9 @@ impl Affine {
 
 impl Network {
     /// Reads a weights file. `file` is the name of the file for messages.
-    pub fn parse(file: &str, bytes: &[u8], overview: usize, cell: usize) -> Result<Self, Error> {
+    /// `columns` are the numbers of features of a panorama, of a cell, and of those that predict colour.
+    pub fn parse(file: &str, bytes: &[u8], columns: [usize; 3]) -> Result<Self, Error> {
+        let [overview, cell, colour] = columns;
         let weights = Weights::parse(file, bytes)?;
         let wrong = |name: &str, shape: &[usize], wanted: &str| {
             Error::format(file, format!("tensor `{name}` has shape {shape:?} instead of {wanted}"))
@@ -85,6 +94,8 @@ impl Network {
         };
         let bias = sized("amount.bias", 1)?[0];
         let amount = Affine { weight: sized("amount.linear", overview)?, bias };
+        let (of_colour, bias) = (sized("colour.linear", 2 * colour)?, sized("colour.bias", 2)?);
+        let hue = |i: usize| Affine { weight: of_colour[i * colour..][..colour].to_vec(), bias: bias[i] };
         let count = weights.tensor("score.out")?.0.first().copied().unwrap_or_default();
         let linear = rows("score.linear", count, Some(cell))?;
         let cells = rows("score.cell", count, Some(cell))?;
@@ -111,7 +122,10 @@ impl Network {
             }
             members.push(Member {
                 linear: linear[m].clone(),
-                cell: cells[m].clone(),
+                cell: (0..cell)
+                    .flat_map(|k| (0..units).map(move |u| (u, k)))
+                    .map(|(u, k)| cells[m][u * cell + k])
+                    .collect(),
                 overview: affine(&about[m], &about_bias[m]),
                 out: out[m].clone(),
             });
@@ -126,20 +140,32 @@ impl Network {
             }
             Ok((sized(&format!("{name}.mean"), columns)?, spread))
         };
-        let scales = [scale("overview", overview)?, scale("cell", cell)?];
+        let scales = [scale("overview", overview)?, scale("cell", cell)?, scale("colour", colour)?];
         let residual = f64::from(sized("residual", 1)?[0]);
-        Ok(Self { scales, amount, members, residual })
+        Ok(Self { scales, amount, colour: [hue(0), hue(1)], members, residual })
+    }
+
+    /// Subtracts the mean of each feature, divides by its standard deviation, and clamps the result. `which` is an
+    /// index in [`LIMITS`].
+    fn scaled(&self, which: usize, values: &[f32]) -> Vec<f32> {
+        let ((mean, spread), limit) = (&self.scales[which], LIMITS[which]);
+        let scaled = values.iter().zip(mean).zip(spread).map(|((v, m), s)| (v - m) / s);
+        scaled.map(|v| v.clamp(-limit, limit)).collect()
+    }
+
+    /// Predicts the RGB of the hidden light of a region, scaled to a luminance of 1.
+    pub fn colour(&self, features: &[f32]) -> [f64; 3] {
+        let features = self.scaled(2, features);
+        let ratio = |map: &Affine| num::f64::exp2(f64::from(map.apply(&features)).clamp(-HUE, HUE));
+        let rgb = [ratio(&self.colour[0]), 1.0, ratio(&self.colour[1])];
+        let luminance = luminance(rgb);
+        rgb.map(|v| v / luminance)
     }
 
     /// Predicts the amount and distribution of hidden light. `flux` is the visible flux of each cell.
     pub fn predict(&self, overview: &[f32], cells: &[&[f32]], flux: &[f64]) -> Prediction {
-        let scaled = |which: usize, values: &[f32]| -> Vec<f32> {
-            let ((mean, spread), limit) = (&self.scales[which], LIMITS[which]);
-            let scaled = values.iter().zip(mean).zip(spread).map(|((v, m), s)| (v - m) / s);
-            scaled.map(|v| v.clamp(-limit, limit)).collect()
-        };
-        let overview = scaled(0, overview);
-        let cells: Vec<Vec<f32>> = cells.iter().map(|cell| scaled(1, cell)).collect();
+        let overview = self.scaled(0, overview);
+        let cells: Vec<Vec<f32>> = cells.iter().map(|cell| self.scaled(1, cell)).collect();
         Prediction {
             amount: f64::from(self.amount.apply(&overview)).clamp(-AMOUNT, AMOUNT),
             shares: self.members.iter().map(|member| member.shares(&overview, &cells, flux)).collect(),
@@ -150,15 +176,20 @@ impl Network {
 impl Member {
     fn shares(&self, overview: &[f32], cells: &[Vec<f32>], flux: &[f64]) -> Vec<f64> {
         let about: Vec<f32> = self.overview.iter().map(|u| u.apply(overview)).collect();
-        let score = |cell: &Vec<f32>| {
-            let rows = self.cell.chunks_exact(cell.len());
-            let inner = rows
-                .zip(&about)
-                .zip(&self.out)
-                .fold(0.0, |sum, ((row, about), out)| sum + out * unit(dot(row, cell) + about));
+        let units = self.out.len();
+        let mut sums = vec![0.0_f32; units];
+        // The sum of each unit is over the features in order. All units are summed together, so that the compiler can
+        // vectorise over them.
+        let mut score = |cell: &Vec<f32>| {
+            sums.fill(0.0);
+            for (value, weights) in cell.iter().zip(self.cell.chunks_exact(units)) {
+                sums.iter_mut().zip(weights).for_each(|(sum, weight)| *sum += weight * value);
+            }
+            let outputs = sums.iter().zip(&about).zip(&self.out);
+            let inner = outputs.fold(0.0, |sum, ((v, about), out)| sum + out * unit(v + about));
             f64::from(dot(&self.linear, cell) + inner)
         };
-        let scores: Vec<f64> = cells.iter().map(score).collect();
+        let scores: Vec<f64> = cells.iter().map(&mut score).collect();
         let largest = scores.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         let weights: Vec<f64> =
             scores.iter().zip(flux).map(|(score, flux)| num::f64::exp(score - largest) * flux).collect();
@@ -171,7 +202,7 @@ impl Member {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::kinds::predict_exposure::network::{CELL, OVERVIEW, WEIGHTS};
+    use crate::kinds::predict_exposure::network::{CELL, COLOUR, OVERVIEW, WEIGHTS};
     use safetensors::SafeTensors;
     use safetensors::tensor::{Dtype, TensorView, serialize};
 
@@ -189,7 +220,7 @@ mod tests {
         let views =
             kept.iter().map(|(name, shape, bytes)| view((name.as_str(), shape.clone(), bytes.as_slice())));
         let file = serialize(views, None).expect("serializes");
-        Network::parse("w", &file, OVERVIEW, CELL)
+        Network::parse("w", &file, [OVERVIEW, CELL, COLOUR])
     }
 
     /// An error about wrong weights names the tensor.
@@ -226,7 +257,7 @@ mod tests {
     /// exchanged.
     #[test]
     fn the_forward_pass_is_that_of_float64() {
-        let network = Network::parse("w", WEIGHTS, OVERVIEW, CELL).expect("is sound");
+        let network = Network::parse("w", WEIGHTS, [OVERVIEW, CELL, COLOUR]).expect("is sound");
         let weights = Weights::parse("w", WEIGHTS).expect("is sound");
         let tensor = |name: &str| -> Vec<f64> {
             weights.tensor(name).expect("is there").1.into_iter().map(f64::from).collect()
@@ -283,6 +314,21 @@ mod tests {
             }
         }
         assert!(largest < 1e-5, "{largest}");
+
+        let colour_scale = spread("colour");
+        let features = numbers(&colour_scale);
+        let values = scaled(&features, &colour_scale, 3.0);
+        let hue = |i: usize| {
+            let value =
+                sum(&tensor("colour.linear")[i * COLOUR..][..COLOUR], &values) + tensor("colour.bias")[i];
+            num::f64::exp2(value.clamp(-3.0, 3.0))
+        };
+        let rgb = network.colour(&features);
+        assert!(
+            (rgb[0] / rgb[1] - hue(0)).abs() < 1e-4 && (rgb[2] / rgb[1] - hue(1)).abs() < 1e-4,
+            "{rgb:?}"
+        );
+        assert!((luminance(rgb) - 1.0).abs() < 1e-12);
     }
 
     /// The largest f16 weights do not overflow.

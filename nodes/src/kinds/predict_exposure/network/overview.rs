@@ -6,7 +6,7 @@
 
 use glam::DVec3;
 
-use super::scene::{GridQuantities, OVERVIEW, log2};
+use super::scene::{GridQuantities, OVERVIEW, WHITE, log2};
 use crate::light::regions;
 use crate::math::equirect::axes;
 use crate::math::num;
@@ -94,6 +94,10 @@ impl GridQuantities<'_> {
         numbers.push(
             self.cells().map(|c| is(self.open_luminance[c] < DARK) * self.open[c]).sum::<f64>() / sphere,
         );
+        // The share of the clipped part that is clipped in all channels.
+        let white = |c: usize| is(self.least(c) > WHITE) * self.clipped[c];
+        let (white, clipped) = (self.cells().map(white).sum::<f64>(), self.clipped.iter().sum::<f64>());
+        numbers.push(white / f64::max(clipped, 1e-9));
         std::array::from_fn(|i| numbers.get(i).copied().unwrap_or(0.0) as f32)
     }
 

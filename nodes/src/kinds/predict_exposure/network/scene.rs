@@ -5,20 +5,32 @@ use glam::DVec3;
 
 use super::super::grid::Grid;
 use super::super::sun;
-use super::blur::Fields;
+use super::blur::{FIELDS, Fields};
+use super::rings::{Open, RINGS, rings};
 use crate::light::measure::luminance;
 use crate::light::regions::{self, Regions};
 use crate::math::equirect::axes;
 use crate::math::num;
 
 /// Number of features of the whole panorama.
-pub(in super::super) const OVERVIEW: usize = 22;
+pub(in super::super) const OVERVIEW: usize = 23;
 /// Number of features of each clipped cell.
-pub(in super::super) const CELL: usize = 37;
+pub(in super::super) const CELL: usize = 60;
+/// Number of features of each clipped region that predict the colour of its light.
+pub(in super::super) const COLOUR: usize = PROFILE + 2 + ABOUT_COLOUR.len();
+/// Number of features of [`Region::profile`].
+const PROFILE: usize = 19;
+/// Indices of the features of the whole panorama that predict the colour of a light.
+const ABOUT_COLOUR: [usize; 7] = [0, 8, 10, 15, 16, 17, 21];
+/// Indices of the rings whose colour is a feature.
+const COLOURED: [usize; 4] = [0, 1, 2, 4];
 /// Radii of the neighbourhoods, in columns of a grid of 256: 2.8, 8.4, 22.5 and 63 degrees.
 const RADII: [usize; 4] = [2, 6, 16, 45];
 /// Minimum value of the darkest channel at which a cell counts as clipped in all channels.
-const WHITE: f64 = 0.95;
+pub(super) const WHITE: f64 = 0.95;
+
+/// Description of the neighbourhood of a cell; see [`GridQuantities::neighbourhoods`].
+type Neighbourhood = [f64; 5];
 
 /// Input of the networks for one panorama.
 pub(in super::super) struct Scene {
@@ -26,6 +38,8 @@ pub(in super::super) struct Scene {
     pub overview: [f32; OVERVIEW],
     /// Clipped cells, in order of their index in the grid.
     pub cells: Vec<ClippedCell>,
+    /// Features of each region that predict the colour of its light.
+    pub colours: Vec<[f32; COLOUR]>,
     /// Sum of luminance times solid angle over the visible unclipped parts of all cells.
     pub open_flux: f64,
     /// Sum of luminance times solid angle over all visible parts above the horizon.
@@ -64,6 +78,9 @@ struct Region {
     white: f64,
     /// Mean brightness of the near surroundings and of the wider surroundings.
     around: [f64; 2],
+    /// Brightness of the rings around the region, their colour, the share of the region that is clipped in each
+    /// channel, and the colour of its clipped part.
+    profile: [f64; PROFILE],
 }
 
 /// Quantities per cell that the features are computed from.
@@ -135,22 +152,22 @@ impl<'a> GridQuantities<'a> {
         self.solid_angle[cell / self.grid.width]
     }
 
-    /// Four values for each of [`RADII`] and each cell, which describe the neighbourhood of the cell: the clipped
-    /// share, log2 of the mean luminance of the unclipped part, the ratio of blue to red of the unclipped part in
-    /// stops, and the share that is clipped in all channels.
-    fn neighbourhoods(&self) -> Vec<Vec<[f64; 4]>> {
+    /// Values for each of [`RADII`] and each cell, which describe the neighbourhood of the cell: the clipped share,
+    /// log2 of the mean luminance of the unclipped part, the ratio of blue to red of the unclipped part in stops, the
+    /// share that is clipped in all channels, and the ratio of green to red of the unclipped part in stops.
+    fn neighbourhoods(&self) -> Vec<Vec<Neighbourhood>> {
         let field = |c: usize| {
-            let (all, open, [r, _, b]) = (self.solid_angle(c), self.open[c], self.open_rgb[c]);
+            let (all, open, [r, g, b]) = (self.solid_angle(c), self.open[c], self.open_rgb[c]);
             let clipped = self.clipped[c];
             let white = if self.least(c) > WHITE { clipped } else { 0.0 };
-            [clipped, self.open_luminance[c] * open, r * open, b * open, open, white, all]
+            [clipped, self.open_luminance[c] * open, r * open, b * open, open, white, all, g * open]
         };
         let fields = Fields { width: self.grid.width, values: self.cells().map(field).collect() };
-        let describe = |[clipped, light, red, blue, open, white, all]: [f64; 7]| {
+        let describe = |[clipped, light, red, blue, open, white, all, green]: [f64; FIELDS]| {
             let all = all.max(1e-12);
             let brightness = num::f64::log2((light + 2e-5 * all) / (open + 1e-3 * all) + 1e-3);
-            let hue = num::f64::log2((blue + 1e-5 * all) / (red + 1e-5 * all)).clamp(-3.0, 3.0);
-            [clipped / all, brightness, hue, white / all]
+            let hue = |light: f64| num::f64::log2((light + 1e-5 * all) / (red + 1e-5 * all)).clamp(-3.0, 3.0);
+            [clipped / all, brightness, hue(blue), white / all, hue(green)]
         };
         RADII
             .iter()
@@ -162,11 +179,37 @@ impl<'a> GridQuantities<'a> {
     }
 
     /// Value of the darkest channel of the clipped part of a cell.
-    fn least(&self, cell: usize) -> f64 {
+    pub fn least(&self, cell: usize) -> f64 {
         self.clipped_rgb[cell].into_iter().fold(1.0, f64::min)
     }
 
-    fn region(&self, cells: &[usize], total: f64, depth: &[f32], around: &[Vec<[f64; 4]>]) -> Region {
+    /// Features of a region from the rings around it; see [`Region::profile`].
+    fn profile(&self, cells: &[usize], rings: &[[f64; 3]; RINGS]) -> [f64; PROFILE] {
+        let stops = |light: f64, of: f64, least: f64| num::f64::log2((light + least) / (of + least));
+        let mut numbers = Vec::with_capacity(PROFILE);
+        numbers.extend(rings.map(|rgb| log2(luminance(rgb), 1e-4)));
+        numbers.extend(COLOURED.map(|ring| stops(rings[ring][0], rings[ring][1], 1e-4)));
+        numbers.extend(COLOURED.map(|ring| stops(rings[ring][2], rings[ring][1], 1e-4)));
+        let size: f64 = cells.iter().map(|&c| self.clipped[c]).sum();
+        let share = |channel: usize| {
+            let full = |&&c: &&usize| self.clipped_rgb[c][channel] > WHITE;
+            cells.iter().filter(full).map(|&c| self.clipped[c]).sum::<f64>() / size
+        };
+        numbers.extend([0, 1, 2].map(share));
+        let mean = |channel: usize| {
+            cells.iter().map(|&c| self.clipped[c] * self.clipped_rgb[c][channel]).sum::<f64>() / size
+        };
+        numbers.extend([0, 2].map(|channel| stops(mean(channel), mean(1), 1e-2)));
+        std::array::from_fn(|i| numbers.get(i).copied().unwrap_or(0.0))
+    }
+
+    fn region(
+        &self,
+        (cells, rings): (&[usize], &[[f64; 3]; RINGS]),
+        total: f64,
+        depth: &[f32],
+        around: &[Vec<Neighbourhood>],
+    ) -> Region {
         let mut region = Region {
             size: 0.0,
             share: 0.0,
@@ -176,6 +219,7 @@ impl<'a> GridQuantities<'a> {
             deepest: 0.0,
             white: 0.0,
             around: [0.0; 2],
+            profile: self.profile(cells, rings),
         };
         let mut size = 0.0;
         for &c in cells {
@@ -207,7 +251,7 @@ impl<'a> GridQuantities<'a> {
         num::f64::acos(self.grid.direction(self.up, cell).dot(from).clamp(-1.0, 1.0))
     }
 
-    fn cell(&self, c: usize, region: &Region, depth: f64, around: &[Vec<[f64; 4]>]) -> [f32; CELL] {
+    fn cell(&self, c: usize, region: &Region, depth: f64, around: &[Vec<Neighbourhood>]) -> [f32; CELL] {
         let mut numbers = Vec::with_capacity(CELL);
         for radius in around {
             numbers.extend(radius[c]);
@@ -226,11 +270,26 @@ impl<'a> GridQuantities<'a> {
         numbers.extend([log2(region.deepest, 1.0), log2(region.radius, 1e-3), region.white]);
         numbers.extend([region.sine[2], region.size - 2.0 * log2(region.radius, 1e-2)]);
         numbers.extend(region.around);
+        numbers.extend(region.profile);
         std::array::from_fn(|i| numbers.get(i).copied().unwrap_or(0.0) as f32)
     }
 }
 
+impl Region {
+    /// Features that predict the colour of the light of the region, given the features of the whole panorama.
+    fn colour(&self, overview: &[f32; OVERVIEW]) -> [f32; COLOUR] {
+        let own = self.profile.into_iter().chain([self.size, self.sine[0]]).map(|v| v as f32);
+        let numbers: Vec<f32> = own.chain(ABOUT_COLOUR.map(|i| overview[i])).collect();
+        std::array::from_fn(|i| numbers.get(i).copied().unwrap_or(0.0))
+    }
+}
+
 impl Scene {
+    /// Sum of luminance times solid angle over all visible parts.
+    pub(in super::super) fn visible(&self) -> f64 {
+        self.open_flux + self.cells.iter().map(|cell| cell.flux).sum::<f64>()
+    }
+
     /// Describes a panorama. `labels` are its clipped regions, and `ceiling` is its white level. Features are
     /// normalised to a white level of 1, as in training; fluxes are in the unit of the panorama.
     pub(in super::super) fn new(grid: &Grid, up: Up, labels: &Regions, ceiling: f64) -> Self {
@@ -245,8 +304,11 @@ impl Scene {
         let total = sizes.iter().sum();
         let around = view.neighbourhoods();
         let depth = regions::distance_to_edge(&grid.clipped, grid.width);
+        let open = Open { size: &view.open, rgb: &view.open_rgb };
+        let rings = rings(&members, grid.width, &open);
+        let described = members.iter().zip(&rings);
         let regions: Vec<Region> =
-            members.iter().map(|cells| view.region(cells, total, &depth, &around)).collect();
+            described.map(|(cells, rings)| view.region((cells, rings), total, &depth, &around)).collect();
         let cell = |(index, region): (usize, &Option<u32>)| {
             let region = (*region)? as usize;
             let features = view.cell(index, &regions[region], f64::from(depth[index]), &around);
@@ -260,8 +322,10 @@ impl Scene {
                 sine: view.sine(index),
             })
         };
+        let overview = view.overview(&members, &sizes);
         Self {
-            overview: view.overview(&members, &sizes),
+            overview,
+            colours: regions.iter().map(|region| region.colour(&overview)).collect(),
             cells: labels.of.iter().enumerate().filter_map(cell).collect(),
             above: view
                 .cells()

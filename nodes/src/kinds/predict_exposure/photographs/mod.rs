@@ -267,7 +267,7 @@ impl Photographs {
                 Some(shown) => shown.rgb.map(srgb_from_linear),
                 None => {
                     let white = if photograph.linear { f32::MAX } else { 1.0 };
-                    exposed(pixels.rgb[at], log2_gain[at], photograph.ev, white)
+                    exposed(pixels.rgb[at], (log2_gain[at], None), photograph.ev, white)
                 }
             };
             let samples = (0..pixels.rgb.len()).flat_map(codes).collect();

@@ -3,10 +3,10 @@
 use engine::Digest;
 use learned::exposure::{Examples, Scale};
 
-use super::super::network::{AMOUNT, CELL, LIMITS, OVERVIEW};
-use super::amount::{Amount, Sample};
+use super::super::network::{AMOUNT, CELL, COLOUR, HUE, LIMITS, OVERVIEW, cautious};
 use super::plan::{Plan, Progress};
 use super::procedural;
+use super::ridge::{Ridge, Sample};
 use super::truth::{Example, Shot, Truth};
 use crate::error::Error;
 use crate::geometry::sampling::{hash, unit};
@@ -27,9 +27,9 @@ const SHOTS: u32 = 8;
 const STOPS: f64 = 1.2;
 /// Maximum number of clipped cells that an example keeps. If there are more, it keeps the [`BRIGHTEST`] cells with
 /// the most hidden light, and a random selection of all other cells.
-const CELLS: usize = 1400;
+const CELLS: usize = 600;
 /// Number of cells that are chosen by their hidden light if an example has more than [`CELLS`] clipped cells.
-const BRIGHTEST: usize = 250;
+const BRIGHTEST: usize = 150;
 /// Share of the photographs that are taken from the finer panorama. It is 0 until other values have been tested by
 /// cross-validation of complete training runs; 0.5 is a candidate.
 const FINER: f64 = 0.0;
@@ -38,6 +38,16 @@ const FINER: f64 = 0.0;
 const GLINTS: f64 = 0.0;
 /// Weight of a photograph of a procedural panorama, relative to the weight of a photograph of a real panorama.
 const PROCEDURAL: f32 = 0.6;
+
+/// Penalty of the squared weights in the fit of the amount of hidden light.
+const PENALTY_AMOUNT: f64 = 0.01;
+/// Lower bound of the amounts of hidden light in the fit, as log2 of the ratio of hidden to visible flux. Smaller
+/// amounts are raised to this bound.
+const LEAST: f64 = -4.0;
+/// Penalty of the squared weights in the fit of the colour of hidden light.
+const PENALTY_COLOUR: f64 = 0.03;
+/// Minimum share of the hidden light of a panorama that a region must have to be used in the fit of the colour.
+const COLOURED: f64 = 0.03;
 
 /// All training examples.
 pub(super) struct Course {
@@ -49,7 +59,21 @@ pub(super) struct Course {
     shots: Vec<u32>,
     /// Visible unclipped flux of each example.
     open: Vec<f64>,
+    /// Regions to which the colour of hidden light is fitted.
+    lights: Vec<Light>,
     raw: Examples,
+}
+
+/// A region with a known colour of its hidden light.
+struct Light {
+    /// Index of the example that contains the region.
+    example: usize,
+    /// Features that predict the colour.
+    features: [f32; COLOUR],
+    /// log2 of the ratio of red to green light, and of blue to green light.
+    hues: [f64; 2],
+    /// Weight of the region in the fit: its share of all light of the panorama, times the weight of the example.
+    weight: f64,
 }
 
 /// Data for the evaluation on a held-out panorama.
@@ -93,6 +117,7 @@ impl Course {
             places: Vec::new(),
             shots: Vec::new(),
             open: Vec::new(),
+            lights: Vec::new(),
             raw: Examples {
                 count: 0,
                 cells: CELLS,
@@ -149,6 +174,7 @@ impl Course {
     }
 
     fn add(&mut self, example: &Example, weight: f32, key: u32) {
+        self.add_lights(example, f64::from(weight));
         let raw = &mut self.raw;
         let count = example.scene.cells.len();
         // Kept cells, and the number of cells that each represents.
@@ -182,6 +208,26 @@ impl Course {
         raw.fluxes.push([a, b, c, d, e, f, hidden, 0.0].map(|v| v as f32));
         self.open.push(example.scene.open_flux);
         raw.weight.push(weight);
+    }
+
+    /// Adds the regions of an example to which the colour is fitted.
+    fn add_lights(&mut self, example: &Example, weight: f64) {
+        let mut of_region = vec![0.0; example.hidden_rgb.len()];
+        for (cell, hidden) in example.scene.cells.iter().zip(&example.hidden) {
+            of_region[cell.region] += hidden;
+        }
+        let total: f64 = of_region.iter().sum();
+        for (i, hidden) in of_region.into_iter().enumerate() {
+            let rgb = example.hidden_rgb[i];
+            if hidden > COLOURED * total && rgb.iter().all(|v| *v > 0.0) {
+                self.lights.push(Light {
+                    example: self.raw.count,
+                    features: example.scene.colours[i],
+                    hues: [0, 2].map(|c| num::f64::log2(rgb[c] / rgb[1]).clamp(-HUE, HUE)),
+                    weight: weight * hidden / example.truth[0],
+                });
+            }
+        }
     }
 
     /// Data of each example, one line per example: the index of its location (empty if the panorama is procedural),
@@ -231,28 +277,56 @@ impl Course {
         (0..self.raw.count).filter(learns).collect()
     }
 
-    /// Means and standard deviations, over the chosen examples, of the features of a panorama and of the features
-    /// of a cell.
-    pub fn scales(&self, chosen: &[usize]) -> [Scale; 2] {
+    /// Means and standard deviations, over the chosen examples, of the features of a panorama, of a cell, and of those
+    /// that predict colour.
+    pub fn scales(&self, chosen: &[usize]) -> [Scale; 3] {
         let among = |i: usize| chosen.binary_search(&i).is_ok();
         let real = |i: usize| among(i / CELLS) && self.raw.log_flux[i] > -1e8;
-        [Scale::of(&self.raw.overview, OVERVIEW, among), Scale::of(&self.raw.features, CELL, real)]
+        let colours: Vec<f32> = self.lights.iter().flat_map(|light| light.features).collect();
+        [
+            Scale::of(&self.raw.overview, OVERVIEW, among),
+            Scale::of(&self.raw.features, CELL, real),
+            Scale::of(&colours, COLOUR, |i| among(self.lights[i].example)),
+        ]
     }
 
     /// Model of the total hidden light, fitted to the chosen examples.
-    pub fn amount(&self, chosen: &[usize], scales: &[Scale; 2]) -> Amount {
+    pub fn amount(&self, chosen: &[usize], scales: &[Scale; 3]) -> Ridge {
         let mut overview = self.raw.overview.clone();
         scales[0].apply(&mut overview, LIMITS[0]);
         let sample = |&i: &usize| Sample {
             numbers: &overview[i * OVERVIEW..][..OVERVIEW],
-            amount: num::f64::log2(f64::from(self.raw.fluxes[i][6]) / self.open[i]),
+            value: num::f64::log2(f64::from(self.raw.fluxes[i][6]) / self.open[i]).max(LEAST),
             weight: f64::from(self.raw.weight[i]),
         };
-        Amount::fit(&chosen.iter().map(sample).collect::<Vec<_>>())
+        Ridge::fit(&chosen.iter().map(sample).collect::<Vec<_>>(), PENALTY_AMOUNT)
+    }
+
+    /// Models of the colour of hidden light, fitted to the regions of the chosen examples: log2 of the ratio of red to
+    /// green light, and of blue to green light.
+    pub fn colour(&self, chosen: &[usize], scales: &[Scale; 3]) -> [Ridge; 2] {
+        let lights: Vec<&Light> =
+            self.lights.iter().filter(|light| chosen.binary_search(&light.example).is_ok()).collect();
+        let scaled: Vec<Vec<f32>> = lights
+            .iter()
+            .map(|light| {
+                let mut features = light.features.to_vec();
+                scales[2].apply(&mut features, LIMITS[2]);
+                features
+            })
+            .collect();
+        [0, 1].map(|hue| {
+            let samples: Vec<Sample<'_>> = lights
+                .iter()
+                .zip(&scaled)
+                .map(|(light, numbers)| Sample { numbers, value: light.hues[hue], weight: light.weight })
+                .collect();
+            Ridge::fit(&samples, PENALTY_COLOUR)
+        })
     }
 
     /// All examples, with scaled features, and with the hidden flux that `amount` predicts.
-    pub fn scaled(&self, scales: &[Scale; 2], amount: &Amount) -> Examples {
+    pub fn scaled(&self, scales: &[Scale; 3], amount: &Ridge) -> Examples {
         let raw = &self.raw;
         let mut scaled = Examples {
             overview: raw.overview.clone(),
@@ -269,7 +343,8 @@ impl Course {
         scales[1].apply(&mut scaled.features, LIMITS[1]);
         let numbers = scaled.overview.chunks_exact(OVERVIEW);
         for ((fluxes, numbers), open) in scaled.fluxes.iter_mut().zip(numbers).zip(&self.open) {
-            fluxes[7] = (open * num::f64::exp2(amount.of(numbers).clamp(-AMOUNT, AMOUNT))) as f32;
+            let hidden = open * num::f64::exp2(amount.of(numbers).clamp(-AMOUNT, AMOUNT));
+            fluxes[7] = cautious(hidden, f64::from(fluxes[0])) as f32;
         }
         scaled
     }

@@ -1,10 +1,10 @@
 //! Training of the learned prediction, on HDR panoramas and procedural panoramas.
 
-mod amount;
 mod examples;
 mod judge;
 mod plan;
 mod procedural;
+mod ridge;
 mod truth;
 mod weights;
 
@@ -21,7 +21,7 @@ pub use self::judge::Score;
 pub use self::plan::{Plan, Progress};
 use self::truth::shrink;
 pub use self::truth::{FINE, WIDTH};
-use super::network::{CELL, Network as Forward, OVERVIEW};
+use super::network::{CELL, COLOUR, Network as Forward, OVERVIEW};
 use crate::error::Error;
 use crate::light::whole_sphere::light;
 use crate::types::{Image, Linear};
@@ -89,7 +89,7 @@ pub fn train(
             return Err(Error::Mismatch(what.to_owned()));
         }
         let scales = course.scales(&chosen);
-        let amount = course.amount(&chosen, &scales);
+        let (amount, colour) = (course.amount(&chosen, &scales), course.colour(&chosen, &scales));
         let mut scaled = None;
         let mut members = Vec::with_capacity(plan.members);
         for member in 0..plan.members {
@@ -112,13 +112,13 @@ pub fn train(
             weights::write_part(&path, &network)?;
             members.push(network);
         }
-        weights::file(&scales, &amount, &members, residual as f32).map(Some)
+        weights::file(&scales, (&amount, &colour), &members, residual as f32).map(Some)
     };
     let mut regions = judge::COLUMNS.to_owned();
     let (mut held, mut finer) = (Vec::new(), Vec::new());
     for fold in 0..plan.folds {
         let Some(file) = team(Some(fold), 0.0)? else { return Ok(None) };
-        let forward = Forward::parse("cross-validation", &file, OVERVIEW, CELL)?;
+        let forward = Forward::parse("cross-validation", &file, [OVERVIEW, CELL, COLOUR])?;
         for of in course.held_out(fold, plan.folds) {
             let judged = Judged::new(&of.name, &of.plain, &forward)?;
             regions += &judged.lines(fold);
@@ -128,7 +128,7 @@ pub fn train(
     }
     held.sort_by(|a, b| a.score.name.cmp(&b.score.name));
     finer.sort_by(|a, b| a.name.cmp(&b.name));
-    let residual = judge::residual(&held);
+    let residual = if held.is_empty() { judge::RESIDUAL } else { judge::residual(&held) };
     let Some(weights) = team(None, residual)? else { return Ok(None) };
     let scores = held.iter().map(|judged| judged.score.clone()).collect();
     let recovered = held.into_iter().map(|judged| (judged.score.name, judged.recovered)).collect();

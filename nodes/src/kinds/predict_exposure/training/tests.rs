@@ -34,7 +34,7 @@ fn a_training_repeats_and_resumes() {
     let resumed = run(folder.path(), 1000).expect("is done");
     let fresh = run(tempfile::tempdir().expect("a folder").path(), 1000).expect("is done");
     assert!(resumed.weights == fresh.weights && resumed.scores.len() == 4);
-    assert!(Forward::parse("w", &fresh.weights, OVERVIEW, CELL).is_ok());
+    assert!(Forward::parse("w", &fresh.weights, [OVERVIEW, CELL, COLOUR]).is_ok());
     assert!(fresh.regions.starts_with(judge::COLUMNS) && fresh.regions == resumed.regions);
     assert!(fresh.regions.lines().all(|line| line.split(',').count() == 9), "{}", fresh.regions);
 }
@@ -98,7 +98,8 @@ fn the_forward_pass_agrees_with_candle() {
         mean: tensor(&format!("{name}.mean")).1,
         spread: tensor(&format!("{name}.spread")).1,
     };
-    let forward = Forward::parse("w", super::super::network::WEIGHTS, OVERVIEW, CELL).expect("is sound");
+    let forward =
+        Forward::parse("w", super::super::network::WEIGHTS, [OVERVIEW, CELL, COLOUR]).expect("is sound");
     let members = tensor("score.out").0[0];
     for index in 0..4 {
         let truth = Truth::new(procedural::panorama(2, index)).expect("has light");

@@ -70,6 +70,8 @@ pub struct Example {
     pub scene: Scene,
     /// Light hidden in each clipped cell: true minus visible luminance, times solid angle.
     pub hidden: Vec<f64>,
+    /// RGB of the light hidden in each clipped region, times solid angle.
+    pub hidden_rgb: Vec<[f64; 3]>,
     /// For each clipped cell, the cosine of the angle between its direction and the normal of the plane on which
     /// contrast is measured. If the cell is within 15 degrees of the dominant light, the first entry holds the
     /// cosine, and otherwise the second entry. The other entry is 0.
@@ -159,7 +161,8 @@ impl Truth {
         let pixels = clipped_light(&pano, &mut engine::Notes::none()).ok()?;
         let mask = clip_mask(&pano, &pixels, CLIPPED);
         let grid = Grid::new(&pixels, &mask, &pano.alpha.samples);
-        let scene = Scene::new(&grid, pano.up, &regions::label(&grid.clipped, grid.width), 1.0);
+        let labels = regions::label(&grid.clipped, grid.width);
+        let scene = Scene::new(&grid, pano.up, &labels, 1.0);
         let exposure = num::f64::exp2(shot.ev);
         let image = self.taken(shot);
         let (width, height) = (image.width, image.height);
@@ -167,6 +170,7 @@ impl Truth {
         let normal = if self.light.dot(up) > 0.1 { up } else { self.light };
         let (mut visible, mut truth) = ([0.0; 3], [0.0; 3]);
         let mut of_cell = vec![0.0; grid.rgb.len()];
+        let mut hidden_rgb = vec![[0.0; 3]; labels.count];
         let glints = glints(shot, (width, height));
         // Weights for the plane on which contrast is measured, near the dominant light and elsewhere.
         let toward = |d: DVec3| {
@@ -187,12 +191,17 @@ impl Truth {
                 sums[2] += flux * toward[1];
             }
             if mask[i] {
-                of_cell[grid.cell_of[i] as usize] += (fluxes[0] - fluxes[1]).max(0.0);
+                let cell = grid.cell_of[i] as usize;
+                of_cell[cell] += (fluxes[0] - fluxes[1]).max(0.0);
+                if let Some(region) = labels.of[cell] {
+                    let sums = &mut hidden_rgb[region as usize];
+                    (0..3).for_each(|c| sums[c] += (real[c] - f64::from(pixels.rgb[i][c])) * size);
+                }
             }
         }
         let hidden = scene.cells.iter().map(|cell| of_cell[cell.index]).collect();
         let toward = scene.cells.iter().map(|cell| toward(grid.direction(pano.up, cell.index))).collect();
-        Some(Example { rgb: grid.rgb, scene, hidden, toward, visible, truth })
+        Some(Example { rgb: grid.rgb, scene, hidden, hidden_rgb, toward, visible, truth })
     }
 }
 

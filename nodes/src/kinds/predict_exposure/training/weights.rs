@@ -6,7 +6,7 @@ use half::f16;
 use learned::exposure::{Network, Scale};
 use safetensors::tensor::{Dtype, TensorView, serialize};
 
-use super::amount::Amount;
+use super::ridge::Ridge;
 use crate::error::Error;
 use crate::math::nn::Weights;
 
@@ -24,10 +24,10 @@ fn write(tensors: &[(String, Vec<usize>, Vec<u8>)], dtype: Dtype) -> Result<Vec<
     serialize(views, None).map_err(fail)
 }
 
-/// Bytes of a weights file in f16: a model of the total hidden light, and a set of networks.
+/// Bytes of a weights file in f16: models of the total hidden light and of its colour, and a set of networks.
 pub(super) fn file(
-    scales: &[Scale; 2],
-    amount: &Amount,
+    scales: &[Scale; 3],
+    (amount, colour): (&Ridge, &[Ridge; 2]),
     members: &[Network],
     residual: f32,
 ) -> Result<Vec<u8>, Error> {
@@ -38,7 +38,10 @@ pub(super) fn file(
         ("amount.linear".to_owned(), vec![amount.weight.len()], halves(&amount.weight)),
         ("amount.bias".to_owned(), vec![1], halves(&[amount.bias])),
     ];
-    for (name, scale) in ["overview", "cell"].into_iter().zip(scales) {
+    let of_colour: Vec<f32> = colour.iter().flat_map(|map| map.weight.iter().copied()).collect();
+    tensors.push(("colour.linear".to_owned(), vec![2, of_colour.len() / 2], halves(&of_colour)));
+    tensors.push(("colour.bias".to_owned(), vec![2], halves(&colour.each_ref().map(|map| map.bias))));
+    for (name, scale) in ["overview", "cell", "colour"].into_iter().zip(scales) {
         // The smallest standard deviation is one that f16 can represent.
         let spread: Vec<f32> = scale.spread.iter().map(|v| v.max(1e-4)).collect();
         tensors.push((format!("{name}.mean"), vec![scale.mean.len()], halves(&scale.mean)));

@@ -1,61 +1,52 @@
-//! Total amount of hidden light: a ridge regression on the features of the whole panorama.
+//! Ridge regression: affine maps that are fitted to weighted samples.
 
-/// Penalty of a squared coefficient, per unit of weight of the examples. Features have a standard deviation
-/// of 1.
-const PENALTY: f64 = 0.08;
-/// Lower bound of the amounts of hidden light in the fit, as log2 of the ratio of hidden to visible flux. Smaller
-/// amounts are raised to this bound.
-const LEAST: f64 = -10.0;
-
-/// Model of the amount of hidden light, as log2 of the ratio of hidden to visible flux. It is an affine function of
-/// the scaled features of a panorama.
-pub(super) struct Amount {
+/// An affine map from scaled features to a number.
+pub(super) struct Ridge {
     pub weight: Vec<f32>,
     pub bias: f32,
 }
 
-/// One of the panoramas to which the model is fitted.
+/// One of the samples to which a map is fitted.
 pub(super) struct Sample<'a> {
-    /// Scaled features of the panorama.
+    /// Scaled features.
     pub numbers: &'a [f32],
-    /// log2 of the ratio of hidden to visible flux.
-    pub amount: f64,
-    /// Weight of the panorama in the fit.
+    /// Value that the map should have.
+    pub value: f64,
+    /// Weight of the sample in the fit.
     pub weight: f64,
 }
 
-impl Amount {
-    /// Minimises the sum of squared errors and penalties. Errors are differences of the logarithm of the amount, so
-    /// a panorama that hides no light counts as much as a panorama that hides a sun.
-    pub fn fit(samples: &[Sample<'_>]) -> Self {
+impl Ridge {
+    /// Minimises the weighted mean of the squared errors, plus `penalty` times the sum of the squared weights of the
+    /// features.
+    pub fn fit(samples: &[Sample<'_>], penalty: f64) -> Self {
         let columns = samples.first().map_or(0, |sample| sample.numbers.len());
         let total: f64 = samples.iter().map(|s| s.weight).sum::<f64>().max(f64::MIN_POSITIVE);
-        let wanted = |sample: &Sample<'_>| sample.amount.max(LEAST);
         let mut mean = vec![0.0; columns];
         for sample in samples {
             let part = sample.weight / total;
             mean.iter_mut().zip(sample.numbers).for_each(|(m, v)| *m += part * f64::from(*v));
         }
-        let centre = samples.iter().map(|s| s.weight * wanted(s)).sum::<f64>() / total;
+        let centre = samples.iter().map(|s| s.weight * s.value).sum::<f64>() / total;
         // Normal equations around the means, row by row; the last column is the right-hand side.
         let mut rows = vec![vec![0.0; columns + 1]; columns];
         for sample in samples {
             let off: Vec<f64> = sample.numbers.iter().zip(&mean).map(|(v, m)| f64::from(*v) - m).collect();
-            let error = wanted(sample) - centre;
+            let error = sample.value - centre;
             for (row, a) in rows.iter_mut().zip(&off) {
                 let part = sample.weight / total * a;
                 row.iter_mut().zip(off.iter().chain([&error])).for_each(|(to, b)| *to += part * b);
             }
         }
         for (i, row) in rows.iter_mut().enumerate() {
-            row[i] += PENALTY;
+            row[i] += penalty;
         }
         let weight = solve(rows);
         let bias = centre - weight.iter().zip(&mean).map(|(w, m)| w * m).sum::<f64>();
         Self { weight: weight.iter().map(|w| *w as f32).collect(), bias: bias as f32 }
     }
 
-    /// Predicts log2 of the ratio of hidden to visible flux for a panorama with the scaled features `numbers`.
+    /// Value of the map for the scaled features `numbers`.
     pub fn of(&self, numbers: &[f32]) -> f64 {
         let sum = numbers.iter().zip(&self.weight).fold(0.0, |sum, (v, w)| sum + v * w);
         f64::from(sum + self.bias)
@@ -87,7 +78,9 @@ mod tests {
     use super::*;
     use crate::geometry::sampling::{hash, unit};
 
-    // At the minimum, the derivatives by every weight and the bias are 0. This test fails if `PENALTY` is not
+    const PENALTY: f64 = 0.08;
+
+    // At the minimum, the derivatives by every weight and the bias are 0. This test fails if `penalty` is not
     // added, or if a sign is changed in `solve`.
     #[test]
     fn a_fit_is_the_least_of_its_cost() {
@@ -101,13 +94,13 @@ mod tests {
         let samples: Vec<Sample<'_>> = rows
             .iter()
             .zip(&reported)
-            .map(|(numbers, &(amount, weight))| Sample { numbers, amount, weight })
+            .map(|(numbers, &(value, weight))| Sample { numbers, value, weight })
             .collect();
-        let fitted = Amount::fit(&samples);
+        let fitted = Ridge::fit(&samples, PENALTY);
         let total: f64 = samples.iter().map(|s| s.weight).sum();
         let slope = |k: Option<usize>| -> f64 {
             let of = |s: &Sample<'_>| {
-                let error = fitted.of(s.numbers) - s.amount;
+                let error = fitted.of(s.numbers) - s.value;
                 s.weight / total * error * k.map_or(1.0, |k| f64::from(s.numbers[k]))
             };
             samples.iter().map(of).sum::<f64>() + k.map_or(0.0, |k| PENALTY * f64::from(fitted.weight[k]))
