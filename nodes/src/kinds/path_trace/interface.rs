@@ -21,7 +21,7 @@ engine::params! {
         /// where the receiver is visible. Where the ratio is certainly above 1, its error is relative to the ratio.
         /// Pixels where `without` is below a thousandth of its median are ignored. After the first 4 samples,
         /// blocks of 32 by 32 pixels take more chunks of samples until they reach the target error or the maximum
-        /// `samples`. Notes report the result. `None` takes `samples` everywhere.
+        /// `samples`. Notes report the result. `None` takes `samples` everywhere, and so does a `coarse_px` above 1.
         max_error: Option<f64> = None, range(1e-6, 1.0), other("0.5"), knob(Cutoff, "", "", "", "None");
         /// Maximum number of bounces after the first; 0 is direct light only.
         max_bounces: u32 = 8, range(0, 64), other("0"), knob(Depth, "2", "4", "8", "32");

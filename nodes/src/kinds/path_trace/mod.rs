@@ -40,17 +40,22 @@ use reporting::{
 use surroundings::Surroundings;
 
 impl PathTrace {
+    /// Target error. `None` for a coarse picture, which is a preview that must be fast.
+    fn target_error(&self) -> Option<f64> {
+        self.max_error.filter(|_| self.coarse_px == 1)
+    }
+
     /// Maximum number of samples per pixel. With `max_error` it is at least the size of the first chunk, from which
     /// errors are estimated.
     fn most(&self) -> u32 {
-        if self.max_error.is_some() { self.samples.max(film::FIRST) } else { self.samples }
+        if self.target_error().is_some() { self.samples.max(film::FIRST) } else { self.samples }
     }
 
     /// Settings of the tracer.
     fn settings(&self, every_lobe: bool) -> Settings {
         Settings {
             most: self.most(),
-            max_error: self.max_error,
+            max_error: self.target_error(),
             coarse_px: self.coarse_px,
             crop: self.crop,
             contact_metres: self.contact_metres,
@@ -139,7 +144,7 @@ impl PathTrace {
 
 impl Kind for PathTrace {
     const NAME: &'static str = "path-trace";
-    const VERSION: u32 = 24;
+    const VERSION: u32 = 25;
     const READS: &'static [ContextField] =
         &[ContextField::Exhaustive, ContextField::MetresPerUnit, ContextField::Seed, ContextField::Up];
     const PREVIEW: engine::Preview =
@@ -168,7 +173,7 @@ impl Kind for PathTrace {
     fn work(params: &Self, sizes: &Sizes) -> f64 {
         let samples = f64::from(params.most());
         // A guess: at the edge of a shadow one sample has an error of 0.2, and such tiles are a tenth of the image.
-        let all = params.max_error.map_or(samples, |error| 4.0 + 0.1 * (0.2 / error) * (0.2 / error));
+        let all = params.target_error().map_or(samples, |error| 4.0 + 0.1 * (0.2 / error) * (0.2 / error));
         let coarse = f64::from(params.coarse_px);
         sizes.of("rig") * all.min(samples) / (coarse * coarse)
     }

@@ -38,3 +38,17 @@ fn a_block_is_the_pixel_that_stands_for_it() {
     let alpha = |o: Vec<f32>| o.chunks(4).map(|o| o[3]).collect::<Vec<_>>();
     assert_eq!(alpha(looked_at(&whole.object)), alpha(samples(&coarse.object).to_vec()));
 }
+
+/// A coarse picture does not sample to a target error, which would take at least four samples: it equals the picture
+/// without a target, and casts as many rays. This test fails if `target_error` returns `max_error` for every picture.
+#[test]
+fn a_coarse_picture_takes_the_samples_that_it_is_given() {
+    let (plane, objects, rig) = shadowed();
+    let trace = |max_error: Option<f64>| {
+        let cx = context();
+        let params = PathTrace { coarse_px: 4, max_error, ..params(1, Surroundings::OPEN) };
+        let (out, _) = render_in(&cx, &params, &plane, &objects, &rig, &white());
+        (samples(&out.with).to_vec(), samples(&out.object).to_vec(), cx.counts()["rays"])
+    };
+    assert_eq!(trace(Some(0.001)), trace(None));
+}
