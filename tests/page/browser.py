@@ -730,7 +730,7 @@ def measures(b, p):
     until(lambda: p.text() != before, "the scale is written")
     scale = re.search(r"metres_per_unit: ([\d.]+)", p.text())[1]
     check(abs(float(scale) - 2) < 0.002 and p.text() == before.replace("metres_per_unit: 1.0", f"metres_per_unit: {scale}"), f"only the scale: {scale}")
-    check(b.js("return document.getElementById('ruler').hidden"), "the panel is gone")
+    until(lambda: b.js("return document.getElementById('ruler').hidden"), "the panel is gone")
     ready(b)
 
 
@@ -1018,7 +1018,7 @@ SHOTS = None
 SCENARIOS = [opens, edits, drags, follows, conflicts, mistakes, pictures, compares, moves, turns, stands, looks_through, chooses, measures, scrubs, keys, trades, agrees, starts, restarts, refuses]
 
 # The scenarios that run in Firefox, too.
-IN_FIREFOX = [opens, edits, drags, pictures, compares, moves, looks_through]
+IN_FIREFOX = [opens, edits, drags, pictures, compares, moves, looks_through, chooses, measures, keys]
 
 
 def main():
