@@ -83,6 +83,9 @@ pub fn names(json: &Value) -> Vec<String> {
     animations.map(|(index, a)| a["name"].as_str().map_or_else(|| index.to_string(), str::to_owned)).collect()
 }
 
+/// The curves of an animation by node and property.
+type Curves = BTreeMap<(usize, Property), Curve>;
+
 impl File {
     /// Moves the nodes of the file to their transforms and morph weights at a time of an animation.
     ///
@@ -137,11 +140,7 @@ impl File {
     }
 
     /// The curves of an animation by node and property, and the number of channels that are not supported.
-    fn curves(
-        &self,
-        index: usize,
-        buffers: &[Vec<u8>],
-    ) -> Result<(BTreeMap<(usize, Property), Curve>, u64), Error> {
+    fn curves(&self, index: usize, buffers: &[Vec<u8>]) -> Result<(Curves, u64), Error> {
         let animation = &self.json["animations"][index];
         let (mut curves, mut ignored) = (BTreeMap::new(), 0);
         for (channel, entry) in animation["channels"].as_array().into_iter().flatten().enumerate() {

@@ -179,8 +179,8 @@ fn hidden_light_has_a_colour_where_pixels_are_clipped() {
             assert!((luminance(rgb) - 1.0).abs() < 1e-4, "{rgb:?}");
             let gain = num::f32::exp2(brackets.log2_gain.samples[at]);
             let hidden = luminance(pixels.rgb[at]) * (gain - 1.0);
-            for c in 0..3 {
-                let light = (pixels.rgb[at][c] + rgb[c] * hidden) / 4096.0;
+            for (c, of_light) in rgb.into_iter().enumerate() {
+                let light = (pixels.rgb[at][c] + of_light * hidden) / 4096.0;
                 let shown = Transfer::Srgb.linear(brackets.exposures[0].samples[3 * at + c]);
                 assert!((shown - light.min(1.0)).abs() < 1e-5, "{at} {c}: {shown} {light}");
             }

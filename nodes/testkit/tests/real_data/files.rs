@@ -134,7 +134,7 @@ fn node_scales_apply() {
 #[test]
 fn external_files_are_sources() {
     let root = SourceRoot::new(data().path("."));
-    let p = LoadObject { path: InputFile("gltf/FlightHelmet/FlightHelmet.gltf".into()), scene: None };
+    let p = LoadObject::of(InputFile("gltf/FlightHelmet/FlightHelmet.gltf".into()));
     let sources = LoadObject::sources(&p, &root).unwrap();
     assert_eq!(sources.len(), 17, "the file, a buffer and 15 pictures");
     assert!(sources.iter().all(|s| s.path.exists() && s.name.starts_with("gltf/FlightHelmet/")));
@@ -172,7 +172,7 @@ fn receivers_match_their_descriptions() {
 fn cut_and_flipped_objects_are_errors_or_objects() {
     let folder = tempfile::tempdir().unwrap();
     let cx = Data::of(folder.path(), Up::PlusZ, 7).context();
-    let p = LoadObject { path: InputFile("a.glb".into()), scene: None };
+    let p = LoadObject::of(InputFile("a.glb".into()));
     let bytes = data().bytes("gltf/Duck.glb");
     let text = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize + 20;
     for step in 0..300 {

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use engine::{Context, InputFile, Kind, NodeError, Notes, Scene, SourceRoot, Up};
 use nodes::kinds::camera;
-use nodes::kinds::load_cameras::{self, Distortion, LoadCameras};
+use nodes::kinds::load_cameras::{self, LoadCameras};
 use nodes::kinds::load_environment::{self, LoadEnvironment};
 use nodes::kinds::load_mesh::{self, ColourEncoding, LoadMesh, MeshFrame};
 use nodes::kinds::load_object::{self, LoadObject};
@@ -42,7 +42,7 @@ fn mesh(path: &str) -> Result<(Arc<Mesh>, Notes), NodeError> {
 }
 
 fn object(path: &str) -> Result<(Arc<Object>, Notes), NodeError> {
-    let p = LoadObject { path: InputFile(path.to_owned()), scene: None };
+    let p = LoadObject::of(InputFile(path.to_owned()));
     LoadObject::run(&p, load_object::In {}, &cx(1.0)).map(|(out, notes)| (out.object, notes))
 }
 
@@ -110,15 +110,7 @@ fn a_place_in_a_unit_cube_is_whole_or_reported() {
 }
 
 fn cameras(path: &str) -> Result<Arc<Rig>, NodeError> {
-    let p = LoadCameras {
-        path: InputFile(format!("cameras/{path}")),
-        pick: Vec::new(),
-        list: "views".to_owned(),
-        resolution: 1.0,
-        distortion: Distortion::Refuse,
-        dataparser: None,
-        matrix: None,
-    };
+    let p = LoadCameras::of(InputFile(format!("cameras/{path}")));
     LoadCameras::run(&p, load_cameras::In {}, &cx(1.0)).map(|(out, _)| out.rig)
 }
 
@@ -130,13 +122,8 @@ fn cameras_of_other_tools_give_their_picture() {
         near(mean(&chart, &rig, Drawing::default(), 1.0).0, [0.2685, 0.2699, 0.1617], 1e-3);
     }
     let p = LoadCameras {
-        path: InputFile("cameras/nerfstudio/transforms.json".to_owned()),
-        pick: Vec::new(),
-        list: "views".to_owned(),
-        resolution: 1.0,
-        distortion: Distortion::Refuse,
         dataparser: Some(InputFile("cameras/nerfstudio/dataparser_transforms.json".to_owned())),
-        matrix: None,
+        ..LoadCameras::of(InputFile("cameras/nerfstudio/transforms.json".to_owned()))
     };
     let rig = LoadCameras::run(&p, load_cameras::In {}, &cx(1.0)).unwrap().0.rig;
     let exported = splats("cameras/nerfstudio/splat.ply").unwrap().0;

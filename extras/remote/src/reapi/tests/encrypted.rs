@@ -63,7 +63,7 @@ fn results_are_shared_over_an_encrypted_connection() {
     let ran = first.run(&fake.address);
     assert_eq!((ran.written.as_deref(), ran.traffic.stored), (Some(WRITTEN), 4), "{:?}", ran.warnings);
     let mut second = Client::new(&[&first]);
-    second.credentials = first.credentials.clone();
+    second.credentials = first.credentials;
     let ran = second.run(&fake.address);
     assert_eq!((ran.ran.as_str(), ran.written.as_deref()), ("", Some(WRITTEN)));
 }

@@ -177,7 +177,7 @@ impl Truth {
             let cosine = d.dot(normal).max(0.0);
             if d.dot(self.light) > DOMINANT_COS { [cosine, 0.0] } else { [0.0, cosine] }
         };
-        for i in 0..width * height {
+        for (i, &is_clipped) in mask.iter().enumerate().take(width * height) {
             let (x, y) = (i % width, i / width);
             let d = direction(pano.up, (x as f64 + 0.5) / width as f64, (y as f64 + 0.5) / height as f64);
             let (size, toward) = (pixel_solid_angle(width, height, y), toward(d));
@@ -190,7 +190,7 @@ impl Truth {
                 sums[1] += flux * toward[0];
                 sums[2] += flux * toward[1];
             }
-            if mask[i] {
+            if is_clipped {
                 let cell = grid.cell_of[i] as usize;
                 of_cell[cell] += (fluxes[0] - fluxes[1]).max(0.0);
                 if let Some(region) = labels.of[cell] {
