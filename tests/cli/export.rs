@@ -59,7 +59,7 @@ fn a_graph_becomes_a_job_whose_tasks_run() {
 #[test]
 fn a_part_of_the_combinations_is_refused() {
     let graph = turning()
-        .replace("Range(3, 6)", "Range(3, 6), light: [0.5, 1.0]")
+        .replace("Range(3, 6)", "Range(3, 6), light: List([0.5, 1.0])")
         .replace("gamma: 0.8", "gamma: Axis(\"light\")");
     let graph = graph.replace("shot/{frame}.png", "shot/{frame}-{light}.png").replace(
         "all: WriteImage(image: \"sheet\", path: \"sheet.png\")",

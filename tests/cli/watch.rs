@@ -108,5 +108,5 @@ fn what_is_written_once_is_not_watched() {
         assert_eq!(String::from_utf8(output.stderr).unwrap().lines().count(), 1, "{graph}");
     }
     let help = String::from_utf8(place.call(&["watch", "--help"]).stdout).unwrap();
-    assert!(help.contains("The graph file (RON)") && !help.contains("standard input"), "{help}");
+    assert!(help.contains("The graph file (RON)") && !help.contains("reads standard input"), "{help}");
 }

@@ -66,7 +66,8 @@ pub fn splats_ply(n: usize) -> Vec<u8> {
     bytes
 }
 
-/// GLB file with two scenes. Each scene contains one triangle, and the two triangles have different sizes.
+/// GLB file with two scenes. Each scene contains one triangle, and the two triangles have different sizes. The node of
+/// the first triangle has a camera, and the animation `walk` moves it for one second.
 pub fn object_glb() -> Vec<u8> {
     let mut buffer = Vec::new();
     for size in [0.5_f32, 0.3] {
@@ -74,6 +75,9 @@ pub fn object_glb() -> Vec<u8> {
             v.iter().for_each(|c: &f32| buffer.extend_from_slice(&c.to_le_bytes()));
         }
     }
+    // The times of two keys, then their translations.
+    let keys = [0.0_f32, 1.0, 0.0, 0.0, 0.0, 0.2, 0.1, 0.3];
+    buffer.extend(keys.iter().flat_map(|value| value.to_le_bytes()));
     let accessor = |at: usize, size: f32| {
         format!(
             r#"{{"bufferView":0,"byteOffset":{at},"componentType":5126,"count":3,"type":"VEC3","min":[0,0,0],"max":[{size},{size},0]}}"#
@@ -81,10 +85,14 @@ pub fn object_glb() -> Vec<u8> {
     };
     let mut json = format!(
         r#"{{"asset":{{"version":"2.0"}},"scene":0,"scenes":[{{"nodes":[0]}},{{"nodes":[1]}}],
-"nodes":[{{"mesh":0}},{{"mesh":1}}],
+"nodes":[{{"mesh":0,"camera":0}},{{"mesh":1}}],
+"cameras":[{{"type":"perspective","perspective":{{"yfov":0.8,"znear":0.1}}}}],
+"animations":[{{"name":"walk","samplers":[{{"input":2,"output":3}}],"channels":[{{"sampler":0,"target":{{"node":0,"path":"translation"}}}}]}}],
 "meshes":[{{"primitives":[{{"attributes":{{"POSITION":0}},"material":0}}]}},{{"primitives":[{{"attributes":{{"POSITION":1}},"material":0}}]}}],
 "materials":[{{"doubleSided":true,"pbrMetallicRoughness":{{"baseColorFactor":[0.8,0.3,0.2,1],"metallicFactor":0.2,"roughnessFactor":0.6}}}}],
-"buffers":[{{"byteLength":{}}}],"bufferViews":[{{"buffer":0,"byteLength":{}}}],"accessors":[{},{}]}}"#,
+"buffers":[{{"byteLength":{}}}],"bufferViews":[{{"buffer":0,"byteLength":{}}}],"accessors":[{},{},
+{{"bufferView":0,"byteOffset":72,"componentType":5126,"count":2,"type":"SCALAR"}},
+{{"bufferView":0,"byteOffset":80,"componentType":5126,"count":2,"type":"VEC3"}}]}}"#,
         buffer.len(),
         buffer.len(),
         accessor(0, 0.5),

@@ -90,7 +90,7 @@ engine::params! {
         matrix: Option<[f64; 16]> = None, other("Some((0.0, -1.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0))");
         /// Name of the animation of a glTF file that places its cameras. An animation without a name is named by its
         /// index, such as `"0"`. If not given, the cameras are placed as stored in the file.
-        clip: Option<String> = None, other("Some(\"CameraAction\")"), inert("most files have no animation");
+        clip: Option<String> = None, other("Some(\"walk\")"), inert("most files have no animation");
         /// Time in the animation. Before its first key, the animation has the pose of this key.
         time_s: f64 = 0.0, range(0, 86400), unit("s"), other("0.5"), inert("needs `clip`");
         /// Treatment of times after the end of the animation.
