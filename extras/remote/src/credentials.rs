@@ -1,4 +1,4 @@
-//! What a client needs to prove who it is, and to check who the server is.
+//! Certificates and tokens with which a client and a server prove their identity.
 
 use std::fmt;
 use std::fs::File;

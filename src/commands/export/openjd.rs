@@ -70,7 +70,7 @@ impl OpenJd {
     }
 }
 
-/// What is known about the cost of a run.
+/// Cost of a run, as far as it is known.
 struct Cost {
     /// Largest estimated memory of a node in its last run, in bytes.
     memory: Option<u64>,

@@ -15,7 +15,7 @@ const LONGEST_NAME: usize = 64;
 const SHORTEST_LIMIT: f64 = 600.0;
 /// Factor between the forecast of a task and its time limit. Workers may be slower than this machine.
 const PATIENCE: f64 = 10.0;
-/// Time in seconds that a task has to keep finished nodes after it was told to stop.
+/// Time in seconds between the request to stop a task and its end, in which it keeps finished nodes.
 const NOTICE_S: u32 = 30;
 /// Unit of the memory that a worker needs, in MiB.
 const MEMORY_STEP: u64 = 256;

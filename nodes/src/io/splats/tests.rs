@@ -395,7 +395,7 @@ fn what_follows_the_splats_is_reported() {
         bytes.extend_from_slice(b"more of it");
         let (splats, notes) = read(&bytes).unwrap();
         let reported = notes.iter().find(|note| note.id == "bytes-left-over").unwrap();
-        assert!(splats == whole && reported.text.contains("number: 10"), "{name}: {reported:?}");
+        assert!(splats == whole && reported.text.contains("count: 10"), "{name}: {reported:?}");
     }
 }
 
