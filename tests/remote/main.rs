@@ -121,7 +121,7 @@ fn a_server_that_cannot_be_reached_is_reported() {
     assert_eq!(warnings(&log), ["remote-lost"]);
     for (wrong, message) in [
         (&["--remote", "http://a:1"][..], "is not the address of a server"),
-        (&["--remote", "grpcs://a:1"], "encrypted connections are not supported"),
+        (&["--remote", "grpcs://a"], "is not the address of a server"),
         (&["--remote-write"], "`--remote-write` needs a server"),
     ] {
         let error = user.bad(&[&["run", "graph.ron", "--set", "trace.samples=1"], wrong].concat());
