@@ -6,14 +6,14 @@ use engine::{Kind, KindEntry};
 
 use crate::{commands, session, terminal};
 
-/// A program with the command line of `lightharmony`, the kinds of [`nodes`](crate::nodes), and more kinds.
+/// A program with the command line of `lightharmony`, the kinds of [`nodes`], and more kinds.
 #[derive(Debug, Default)]
 pub struct Program {
     kinds: Vec<fn() -> KindEntry>,
 }
 
 impl Program {
-    /// A program with the kinds of [`nodes`](crate::nodes).
+    /// A program with the kinds of [`nodes`].
     pub fn new() -> Self {
         Self::default()
     }
