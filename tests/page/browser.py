@@ -396,6 +396,7 @@ def conflicts(b, p):
 def mistakes(b, p):
     """A mistake is shown at its place in the text, and the last good picture stays."""
     ready(b)
+    until(lambda: b.pixel(0.5, 0.5)[3] == 255, "the first picture is drawn")
     good = p.text()
     p.write(good.replace("yaw_deg", "yaw_dge"))
     until(lambda: "did you mean `yaw_deg`?" in b.text("#mistakes"), "the mistake is listed")
