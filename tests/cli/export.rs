@@ -28,7 +28,7 @@ fn a_graph_becomes_a_job_whose_tasks_run() {
     assert_eq!(job["specificationVersion"], "jobtemplate-2023-09");
     let steps = job["steps"].as_array().unwrap();
     let names: Vec<&str> = steps.iter().filter_map(|step| step["name"].as_str()).collect();
-    assert_eq!(names, ["shared", "save", "all"]);
+    assert_eq!(names, ["shared results", "save", "all"]);
     assert_eq!(
         steps[1]["parameterSpace"]["taskParameterDefinitions"],
         serde_json::json!([{"name": "frame", "type": "INT", "range": "3-5"}])
@@ -37,7 +37,10 @@ fn a_graph_becomes_a_job_whose_tasks_run() {
         let all = steps[step]["dependencies"].as_array().into_iter().flatten();
         all.filter_map(|one| one["dependsOn"].as_str()).collect()
     };
-    assert_eq!([after(0), after(1), after(2)], [vec![], vec!["shared"], vec!["shared", "save"]]);
+    assert_eq!(
+        [after(0), after(1), after(2)],
+        [vec![], vec!["shared results"], vec!["shared results", "save"]]
+    );
     let arguments: Vec<&str> = steps[1]["script"]["actions"]["onRun"]["args"]
         .as_array()
         .unwrap()

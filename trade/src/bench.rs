@@ -7,8 +7,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use engine::{
-    Artifact, Counts, Digest, Engine, Event, Graph, NodeError, Note, PRESETS, Planned, Registry, RunOptions,
-    Source, Wire, overlay_text,
+    Artifact, Counts, Digest, Engine, Event, Graph, Node, NodeError, Note, PRESETS, Planned, Registry,
+    RunOptions, Source, Spent, Wire, overlay_text,
 };
 use nodes::kinds::compare::Space;
 use nodes::types::{Images, Report};
@@ -43,6 +43,23 @@ pub struct NodeCost {
     pub varies: bool,
     /// Key of the node. Nodes with equal keys share one action.
     pub key: Option<Digest>,
+}
+
+impl NodeCost {
+    /// The cost of a node, given what its last run spent.
+    pub fn of(node: &Node, spent: Spent, notes: Vec<Note>, key: Option<Digest>) -> Self {
+        Self {
+            id: node.id.clone(),
+            kind: node.kind.name,
+            work: work_of(&spent.counts),
+            seconds: spent.seconds,
+            cpu_seconds: spent.cpu_seconds,
+            counts: spent.counts,
+            notes,
+            varies: !node.point.is_empty(),
+            key,
+        }
+    }
 }
 
 /// Measurements of the graph at one assignment.
@@ -336,17 +353,7 @@ impl<'e> Bench<'e> {
             // Equal instances of a node count once.
             let first = key.is_none_or(|key| keys.insert(key));
             let spent = self.engine.spent(&graph, index).filter(|_| first).unwrap_or_default();
-            nodes.push(NodeCost {
-                id: node.id.clone(),
-                kind: node.kind.name,
-                work: work_of(&spent.counts),
-                seconds: spent.seconds,
-                cpu_seconds: spent.cpu_seconds,
-                counts: spent.counts,
-                notes,
-                varies: !node.point.is_empty(),
-                key,
-            });
+            nodes.push(NodeCost::of(node, spent, notes, key));
         }
         let mut pictures = self.pictures(&graph)?;
         let off = self.off(&graph, &mut pictures)?;

@@ -4,8 +4,7 @@ use std::sync::Arc;
 
 use cache::Digest;
 use engine::{Context, Kind, Scene, Up};
-use nodes::kinds::compare::{Compare, In, Space};
-use nodes::math::metrics::PIXELS_PER_DEGREE;
+use nodes::kinds::compare::{Compare, In};
 use nodes::types::{Images, NamedImage, Picture, Report};
 
 use crate::live::Live;
@@ -43,16 +42,6 @@ impl Difference {
         let images = |picture: &Picture| {
             Arc::new(Images(vec![NamedImage { name: "picture".to_owned(), picture: picture.clone() }]))
         };
-        let params = Compare {
-            space: Space::Display,
-            quantise: true,
-            names: Vec::new(),
-            gain: 1.0,
-            pixels_per_degree: PIXELS_PER_DEGREE,
-            lpips: None,
-            scores: Vec::new(),
-            lpips_scaled: true,
-        };
         let inputs = In {
             image: images(picture),
             reference: images(reference),
@@ -63,7 +52,7 @@ impl Difference {
         };
         // The comparison does not depend on the scene.
         let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false };
-        let (out, notes) = Compare::run(&params, inputs, &Context::detached(scene, ""))
+        let (out, notes) = Compare::run(&Compare::default(), inputs, &Context::detached(scene, ""))
             .map_err(|error| error.to_string())?;
         let flip = out.flip.0.first().map(|image| image.picture.clone());
         let notes = notes.iter().map(|note| note.text.clone()).collect();

@@ -8,7 +8,6 @@ use trade::bench::NodeCost;
 use trade::knobs::{KnobRow, knob_rows};
 use trade::left_out::left_out;
 use trade::tunables::presets;
-use trade::work::work_of;
 
 use crate::editor::{Refused, fixed};
 use crate::live::Live;
@@ -101,19 +100,8 @@ impl Live {
             (facts, state.outputs(&["report"]))
         });
         let cost = |(index, (notes, key))| {
-            let node = &graph.nodes[index];
             let spent = self.engine.spent(graph, index).unwrap_or_default();
-            NodeCost {
-                id: node.id.clone(),
-                kind: node.kind.name,
-                work: work_of(&spent.counts),
-                seconds: spent.seconds,
-                cpu_seconds: spent.cpu_seconds,
-                counts: spent.counts,
-                notes,
-                varies: !node.point.is_empty(),
-                key,
-            }
+            NodeCost::of(&graph.nodes[index], spent, notes, key)
         };
         let costs = facts.into_iter().enumerate().map(cost).collect();
         let report = |(id, port, digest): (String, usize, String)| {

@@ -38,6 +38,8 @@ pub struct Job<'a> {
 
 /// The targets that vary along the same axes.
 struct Group<'a> {
+    /// Name of the step that computes the targets.
+    step: String,
     /// Names of the targets without the values of axes.
     names: BTreeSet<&'a str>,
     /// For each axis: the values, in the order of the instances.
@@ -63,7 +65,8 @@ pub fn template(graph: &Graph, targets: &[usize], job: &Job<'_>) -> Result<(Valu
     };
     let shared = shared(graph, &varying);
     let before: Vec<String> = if job.remote.is_some() && !shared.is_empty() {
-        vec![add("shared".to_owned(), 1, step("shared", &shared.join(","), &[], &[], job))]
+        // The name of a node has no space, so no other step has this name.
+        vec![add("shared results".to_owned(), 1, step("shared results", &shared.join(","), &[], &[], job))]
     } else {
         Vec::new()
     };
@@ -79,17 +82,15 @@ pub fn template(graph: &Graph, targets: &[usize], job: &Job<'_>) -> Result<(Valu
         let at: String =
             group.axes.iter().map(|(axis, _)| format!("/{axis}={{{{Task.Param.{axis}}}}}")).collect();
         let only: Vec<String> = group.names.iter().map(|name| format!("{name}{at}")).collect();
-        let name = step_name(group);
-        let made = step(&name, &only.join(","), &parameters, &before, job);
-        done.push(add(name, tasks, made));
+        let made = step(&group.step, &only.join(","), &parameters, &before, job);
+        done.push(add(group.step.clone(), tasks, made));
     }
     for group in &rest {
         let above = graph.above(&group.targets);
         let waits = (0..above.len()).any(|node| above[node] && !graph.nodes[node].point.is_empty());
         let only: Vec<&str> = group.names.iter().copied().collect();
-        let name = step_name(group);
-        let made = step(&name, &only.join(","), &[], if waits { &done } else { &before }, job);
-        add(name, 1, made);
+        let made = step(&group.step, &only.join(","), &[], if waits { &done } else { &before }, job);
+        add(group.step.clone(), 1, made);
     }
     let mut parameters = vec![
         json!({"name": "Program", "type": "STRING", "default": "lightharmony",
@@ -117,6 +118,7 @@ fn groups<'a>(graph: &'a Graph, targets: &[usize]) -> Vec<Group<'a>> {
         let node = &graph.nodes[target];
         let axes: Vec<&str> = node.point.iter().map(|(axis, _)| axis.as_str()).collect();
         let group = groups.entry(axes.clone()).or_insert_with(|| Group {
+            step: String::new(),
             names: BTreeSet::new(),
             axes: axes.into_iter().map(|axis| (axis, Vec::new())).collect(),
             targets: Vec::new(),
@@ -130,7 +132,8 @@ fn groups<'a>(graph: &'a Graph, targets: &[usize]) -> Vec<Group<'a>> {
             }
         }
     }
-    groups.into_values().collect()
+    let named = |(index, group): (usize, Group<'a>)| Group { step: step_name(&group.names, index), ..group };
+    groups.into_values().enumerate().map(named).collect()
 }
 
 /// Names of the nodes that do not vary, are read by nodes that do, and take time.
@@ -145,11 +148,15 @@ fn shared<'a>(graph: &'a Graph, varying: &[&Group<'_>]) -> Vec<&'a str> {
     (0..above.len()).filter(reads_once).map(|node| graph.nodes[node].id.as_str()).collect()
 }
 
-fn step_name(group: &Group<'_>) -> String {
-    let names: Vec<&str> = group.names.iter().copied().collect();
-    let name = names.join(" ");
-    // Node names are ASCII.
-    if name.len() > LONGEST_NAME { format!("{}..", &name[..LONGEST_NAME - 2]) } else { name }
+/// A name that no other step has, since a node is in one group only. The step has a number instead if the name of the
+/// node is too long.
+fn step_name(names: &BTreeSet<&str>, index: usize) -> String {
+    let first = names.first().copied().unwrap_or_default();
+    let name = match names.len() {
+        0 | 1 => first.to_owned(),
+        count => format!("{first} and {} more", count - 1),
+    };
+    if name.len() > LONGEST_NAME { format!("step {}", index + 1) } else { name }
 }
 
 /// A step that runs the graph for the nodes `only`.
@@ -194,6 +201,11 @@ fn parameter((axis, values): &(&str, Vec<&str>)) -> Result<Value, Error> {
         );
         return Err(Error::usage(format!("the axis `{axis}` has {} values: {why}", values.len())));
     }
+    // These characters separate names and values in `--only`, or begin a parameter of the template.
+    if let Some(value) = values.iter().find(|value| value.contains([',', '/', '{'])) {
+        let why = "the values of a job cannot contain `,`, `/` or `{`";
+        return Err(Error::usage(format!("the axis `{axis}` has the value `{value}`: {why}")));
+    }
     Ok(json!({"name": axis, "type": "STRING", "range": values}))
 }
 
@@ -231,5 +243,18 @@ mod tests {
         let many: Vec<&str> = many.iter().map(String::as_str).collect();
         assert!(parameter(&("a", many.clone())).is_err());
         assert!(parameter(&("a", many[..1024].to_vec())).is_ok());
+        for wrong in ["a,b", "a/b", "{{a}}"] {
+            assert!(parameter(&("a", vec!["b", wrong])).is_err(), "{wrong}");
+        }
+    }
+
+    /// Names of steps are at most as long as the specification allows, and differ between groups.
+    #[test]
+    fn steps_have_names_of_their_own() {
+        let long = "n".repeat(65);
+        let name = |names: &[&str], index| step_name(&names.iter().copied().collect(), index);
+        assert_eq!(name(&["save"], 0), "save");
+        assert_eq!(name(&["b", "a", "c"], 1), "a and 2 more");
+        assert_eq!([name(&[&long], 2), name(&[&long[1..]], 3)], ["step 3", &long[1..]]);
     }
 }

@@ -2,7 +2,6 @@
 
 use super::table::COMMON;
 use super::*;
-use crate::math::metrics::PIXELS_PER_DEGREE;
 use crate::math::num;
 use crate::testing::context;
 use crate::types::{Cell, Data, Image, Linear, Srgb};
@@ -12,16 +11,7 @@ fn one(picture: impl Into<Picture>) -> Arc<Images> {
     Arc::new(Images::single("v", picture))
 }
 fn node() -> Compare {
-    Compare {
-        space: Space::Display,
-        quantise: true,
-        names: Vec::new(),
-        gain: 1.0,
-        pixels_per_degree: PIXELS_PER_DEGREE,
-        lpips: None,
-        scores: Vec::new(),
-        lpips_scaled: true,
-    }
+    Compare::default()
 }
 fn inputs(image: Arc<Images>, reference: Arc<Images>) -> In {
     In { image, reference, mask: None, regions: Vec::new(), background: None, no_shadow: None }

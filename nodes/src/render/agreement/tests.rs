@@ -328,3 +328,37 @@ fn the_agreement_of_a_point_is_symmetric_and_bounded() {
         assert!(if off < 1.0 { both[0] > 0.0 && both[0] <= 1.0 } else { both[0] == 0.0 }, "{off}: {both:?}");
     }
 }
+
+/// An eye just above the ground is nearer to it than the near plane of the splats, so the mesh there is not debris. This
+/// test fails if `CLIPPED` is 0.
+#[test]
+fn ground_before_the_near_plane_is_not_debris() {
+    let (splats, mesh) = (splats(), mesh(None));
+    for height in [0.01, 0.02, 0.04] {
+        let place = CapturedPlace {
+            splats: &splats,
+            mesh: &mesh,
+            cameras: &[good_camera()],
+            around: &[DVec3::new(0.0, 0.0, height)],
+            axes: axes(Up::PlusZ),
+            metre: 1.0,
+        };
+        let found = compare(&place, &context()).expect("runs").expect("surfaces");
+        assert_eq!(found.findings(), [], "{height}: {found:?}");
+    }
+}
+
+/// Splats in other units are reported with the factor, also if the mesh is then so small that it lies within the
+/// tolerance of a surface. This test fails if `TINY` is 0.
+#[test]
+fn a_mesh_that_is_tiny_next_to_the_splats_is_not_a_part_of_the_place() {
+    for factor in [20.0_f32, 100.0, 1000.0] {
+        let mut large = splats();
+        large.means.iter_mut().for_each(|mean| *mean = mean.map(|v| v * factor));
+        large.scales.iter_mut().for_each(|scale| *scale = scale.map(|v| v * factor));
+        let found = compared(&large, &mesh(None), good_camera());
+        assert_eq!(found.findings(), [Finding::Elsewhere], "{factor}: {found:?}");
+        let best = found.best.unwrap_or_else(|| panic!("{factor}: {found:?}"));
+        assert!((best.by.scale / f64::from(factor) - 1.0).abs() < 0.04, "{factor}: {best:?}");
+    }
+}
