@@ -58,9 +58,6 @@ const PART: f64 = 0.02;
 /// Minimum agreement, at the points where the mesh is visible, at which a mesh that covers only a part of the place
 /// counts as being in the frame of the splats.
 const PART_AGREES: f64 = 0.9;
-/// Minimum size of a mesh that can count as a part of the place, as a share of the median distance of the points from
-/// the eye. A smaller mesh is within the tolerance wherever it lies near a surface, such as a mesh in other units.
-const TINY: f64 = 0.03;
 /// If the agreement is below this value, and the agreement where the mesh is visible is below [`PART_DISAGREES`],
 /// splats and mesh are reported as being in different frames even if no transform is found.
 const DISAGREES: f64 = 0.12;
@@ -215,9 +212,8 @@ fn by_views(
     let here_confirmed = confirmed(Similarity::IDENTITY);
     // A mesh of a part of the place, such as the ground near the object, agrees where it is visible. A transform
     // could make it fit a larger part of the splats.
-    let is_part = cloud.radius >= TINY * spots.distance
-        && ((here.share >= PART && here.known.min(here_confirmed) >= PART_AGREES)
-            || both.mesh >= PART_AGREES);
+    let is_part =
+        (here.share >= PART && here.known.min(here_confirmed) >= PART_AGREES) || both.mesh >= PART_AGREES;
     let agrees = here.all >= AGREES || both.mean() >= IN_PLACE || is_part;
     let visible = visible(sights, &depths);
     let mut best = if agrees { None } else { of_surfaces(place, surfaces, both) };

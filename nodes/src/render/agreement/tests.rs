@@ -347,18 +347,3 @@ fn ground_before_the_near_plane_is_not_debris() {
         assert_eq!(found.findings(), [], "{height}: {found:?}");
     }
 }
-
-/// Splats in other units are reported with the factor, also if the mesh is then so small that it lies within the
-/// tolerance of a surface. This test fails if `TINY` is 0.
-#[test]
-fn a_mesh_that_is_tiny_next_to_the_splats_is_not_a_part_of_the_place() {
-    for factor in [20.0_f32, 100.0, 1000.0] {
-        let mut large = splats();
-        large.means.iter_mut().for_each(|mean| *mean = mean.map(|v| v * factor));
-        large.scales.iter_mut().for_each(|scale| *scale = scale.map(|v| v * factor));
-        let found = compared(&large, &mesh(None), good_camera());
-        assert_eq!(found.findings(), [Finding::Elsewhere], "{factor}: {found:?}");
-        let best = found.best.unwrap_or_else(|| panic!("{factor}: {found:?}"));
-        assert!((best.by.scale / f64::from(factor) - 1.0).abs() < 0.04, "{factor}: {best:?}");
-    }
-}
