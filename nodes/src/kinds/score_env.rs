@@ -6,6 +6,7 @@ use engine::{Context, Kind, NodeError, Notes};
 use glam::DVec3;
 
 use crate::error::Error;
+use crate::light::emitters;
 use crate::light::measure::{
     self, brightest, cells, centroid, contrast, irradiance, irradiances, luminance, spiral,
 };
@@ -26,6 +27,10 @@ engine::params! {
     ///
     /// Irradiance over all planes, energy, panoramas and spheres use red, green and blue, as published; the six
     /// planes, the dominant light and the peak use luminance.
+    ///
+    /// The table `emitters` compares the strength, colour and share of each region of the reference that is at least
+    /// as bright as white, with a margin of 1.5 degrees. Regions within 3 degrees of each other are one emitter. The
+    /// strength is the luminance of the integral of radiance over solid angle.
     ///
     /// The six planes and the panorama are computed per texel. The planes in every direction, the spheres and the
     /// dominant light use a grid of 128 columns; contrast and peak use a grid of 256. A texel is added to the cell
@@ -65,7 +70,7 @@ const STANDS_OUT: f64 = 1.1;
 
 impl Kind for ScoreEnv {
     const NAME: &'static str = "score-env";
-    const VERSION: u32 = 7;
+    const VERSION: u32 = 8;
     type Params = Self;
     type In = In;
     type Out = Out;
@@ -92,10 +97,46 @@ impl Kind for ScoreEnv {
             vec![Cell::Text((*name).to_owned()), value, Cell::Text((*unit).to_owned())]
         };
         let table = Table::new("light", ["measure", "value", "unit"], scores.iter().map(row).collect());
-        let report =
-            Report { title: "Recovered light compared with the reference".to_owned(), tables: vec![table] };
+        let tables = vec![table, emitters_table(env, truth)];
+        let report = Report { title: "Recovered light compared with the reference".to_owned(), tables };
         Ok((Out { report: Arc::new(report) }, notes))
     }
+}
+
+/// Maximum number of emitters that are listed.
+const LISTED: usize = 12;
+/// Minimum share of all light for an emitter to be listed.
+const LEAST: f64 = 0.005;
+
+/// Strength, colour and share of each emitter of the reference.
+fn emitters_table(env: &Environment, truth: &Environment) -> Table {
+    let found = emitters::find(truth);
+    let total = |flux: [f64; 3]| measure::luminance(flux);
+    let (all, all_truth) = (total(emitters::total(env)), total(found.total));
+    let listed = found.list.iter().zip(found.fluxes(truth)).zip(found.fluxes(env));
+    let rows = listed.filter(|((_, want), _)| total(*want) >= LEAST * all_truth).take(LISTED).map(
+        |((emitter, want), flux)| {
+            let (azimuth, elevation) = measure::angles_deg(truth.up, emitter.direction);
+            let [share, share_truth] = [total(flux) / all, total(want) / all_truth];
+            let stops = num::f64::log2(total(flux) / total(want));
+            let number = |value: f64| if value.is_finite() { Cell::Number(value) } else { Cell::Missing };
+            let colour = emitters::colour_angle_deg(flux, want).map_or(Cell::Missing, Cell::Number);
+            let shares = [share_truth, share, num::f64::log2(share / share_truth)];
+            let mut row = vec![number(azimuth), number(elevation), number(stops), colour];
+            row.extend(shares.map(number));
+            row
+        },
+    );
+    let columns = [
+        "azimuth (deg, clockwise from forward)",
+        "elevation (deg)",
+        "strength, log2(recovered / reference) (stops)",
+        "colour, angle in RGB (deg)",
+        "share of all light in the reference",
+        "share of all light, recovered",
+        "share, log2(recovered / reference) (stops)",
+    ];
+    Table::new("emitters", columns, rows.collect())
 }
 
 /// Name and unit of a score, and its value; `None` if it cannot be computed.
@@ -286,6 +327,34 @@ mod tests {
         let found = scores(env(256, moved, 900.0), env(256, sun, 900.0));
         let want = num::f64::acos(moved.dot(sun)).to_degrees();
         assert!((found[2] - want).abs() < 0.5, "{} {want}", found[2]);
+    }
+
+    // This test fails if the fluxes of both environments are exchanged.
+    #[test]
+    fn emitters_are_compared_one_by_one() {
+        let (lamp, window) = (DVec3::new(0.4, 0.7, 0.2).normalize(), DVec3::new(-0.9, 0.3, 0.1).normalize());
+        let both = |lamp_rgb: [f32; 3]| {
+            let mut both = env(256, lamp, 0.3);
+            for at in 0..256 * 128 {
+                let d = emitters::texel(&both, at).0;
+                let rgb = if d.dot(lamp) > 0.998 { Some(lamp_rgb) } else { None };
+                let rgb = if d.dot(window) > 0.99 { Some([8.0; 3]) } else { rgb };
+                if let Some(rgb) = rgb {
+                    both.image.samples[3 * at..3 * at + 3].copy_from_slice(&rgb);
+                }
+            }
+            both
+        };
+        let (truth, found) = (both([200.0, 100.0, 50.0]), both([400.0, 200.0, 100.0]));
+        let table = emitters_table(&found, &truth);
+        let number = |row: usize, column: usize| {
+            if let Cell::Number(value) = table.rows[row][column] { value } else { f64::NAN }
+        };
+        assert_eq!(table.rows.len(), 2);
+        // The margin contains other light, which is equal in both.
+        assert!((number(0, 2) - 1.0).abs() < 0.02 && number(0, 3) < 0.1, "{table:?}");
+        assert!(number(1, 2).abs() < 1e-9 && number(1, 3) < 1e-6, "{table:?}");
+        assert!(number(0, 6) > 0.0 && number(1, 6) < 0.0, "{table:?}");
     }
 
     /// Scores do not depend on the unit of light; if both lights are scaled, only the ratio of the factors matters.

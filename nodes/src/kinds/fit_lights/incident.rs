@@ -5,6 +5,7 @@ use glam::{DVec3, Vec3};
 
 use super::place::{CLIPPED, PlaceMesh, Seen};
 use super::shading::Shading;
+use crate::light::emitters::WHITE;
 use crate::light::measure::spiral;
 use crate::math::color::luminance;
 use crate::math::equirect::uv;
@@ -14,8 +15,6 @@ use crate::types::Environment;
 const DIRECTIONS: usize = 384;
 /// Number of points per tile.
 const TILE: usize = 128;
-/// Minimum brightness of the environment texels that count as clipped in the panorama.
-pub(super) const WHITE: f32 = 0.95;
 
 /// Irradiance at one point, split by its origin. Radiance is taken from the capture, so it includes all bounces.
 #[derive(Debug, Clone, Copy, Default)]

@@ -6,19 +6,27 @@ use engine::{Context, Cost, Kind, NodeError, Notes, Sizes};
 use glam::DVec3;
 
 use crate::error::Error;
+use crate::light::emitters;
 use crate::light::measure::angles_deg;
-use crate::types::{Cell, Environment, Mesh, Report, Splats, Table};
+use crate::types::{Environment, Mesh, Report, Splats};
 
+mod estimate;
 mod incident;
 mod pairs;
 mod place;
 mod relight;
+mod reporting;
 mod shading;
+mod sources;
+mod strengths;
 mod sun;
+mod system;
 
+use self::estimate::Prior;
 use self::place::PlaceMesh;
 use self::shading::Shading;
-use self::sun::{RIVAL_DEG, Sun, Verdict};
+use self::strengths::Given;
+use self::sun::{Sun, Verdict};
 
 engine::params! {
     /// Finds the sun of a recovered environment from the shadows that it casts in the captured place.
@@ -41,6 +49,13 @@ engine::params! {
         /// Minimum fraction by which a sun must reduce the error of the explained colours to be accepted. Real suns
         /// in open places reduce it by 0.1 to 0.3; a sun found by chance reduces it by less than 0.01.
         min_gain: f64 = 0.03, range(0.0, 1.0), other("0.9"), inert("the light of the test graph has no sun at either value");
+        /// True to correct the strength and colour of the emitters; `false` only searches for the sun.
+        strengths: bool = true, other("false"), inert("the test graph has too few surface points");
+        /// Standard deviation of the predicted hidden light of an emitter. The more certain the prediction, the less
+        /// the shading of the place can change it.
+        prior_stops: f64 = 1.5, range(0.05, 6.0), unit("stops"), other("0.1"), inert("the test graph has too few surface points");
+        /// Standard deviation of one channel of this light, compared with the other channels.
+        prior_colour_stops: f64 = 0.7, range(0.05, 6.0), unit("stops"), other("0.1"), inert("the test graph has too few surface points");
     }
 }
 
@@ -66,9 +81,13 @@ engine::outputs! {
     }
 }
 
+/// Standard deviation of the predicted hidden light of all emitters together, relative to that of one emitter. On
+/// unseen places, the sum is predicted better than its parts.
+const TOTAL: f64 = 0.6;
+
 impl Kind for FitLights {
     const NAME: &'static str = "fit-lights";
-    const VERSION: u32 = 4;
+    const VERSION: u32 = 5;
     type Params = Self;
     type In = In;
     type Out = Out;
@@ -107,10 +126,12 @@ impl Kind for FitLights {
         let place = PlaceMesh::new(&receiver);
         let shading = Shading::sample(&place, splats.as_deref(), origin, params.points as usize, cx)?;
         cx.count("points", shading.points.len() as u64);
-        let found = sun::find(&place, &shading, &env, cx)?;
+        let incident = incident::incident(&place, &shading, &env, cx)?;
+        let found = sun::find(&place, &shading, &incident, &env, cx)?;
         let verdict = judge(params, found.as_ref(), &place, origin);
-        let (env, report) = match (&verdict, &found) {
-            (Verdict::Accepted, Some(sun)) => {
+        let sun = found.as_ref().filter(|_| verdict == Verdict::Accepted);
+        let env = match sun {
+            Some(sun) => {
                 let (azimuth, elevation) = angles_deg(env.up, sun.direction);
                 notes.decision(
                     "sun",
@@ -119,15 +140,46 @@ impl Kind for FitLights {
                         sun.luminance()
                     ),
                 );
-                (Arc::new(relight::with_sun(&env, sun)), report(&env, Some(sun), "accepted"))
+                Arc::new(relight::with_sun(&env, sun))
             }
-            (verdict, found) => {
-                notes.decision("no-sun", format!("the light is unchanged: {}", verdict.reason()));
-                let report = report(&env, found.as_ref(), verdict.reason());
-                (env, report)
+            None => {
+                notes.decision("no-sun", format!("no sun was added: {}", verdict.reason()));
+                env
             }
         };
+        let emitters = emitters::find(&env);
+        let given = Given {
+            place: &place,
+            shading: &shading,
+            incident: &incident,
+            env: &env,
+            emitters: &emitters,
+            origin,
+            sun: sun.map(|sun| sun.direction),
+        };
+        let strengths = strengths::fit(&given, params.strengths.then(|| params.prior()).as_ref(), cx)?;
+        reporting::decide(&strengths, &mut notes);
+        let report = reporting::report(&env, &emitters, found.as_ref(), verdict, &strengths);
+        let env = if strengths.accepted {
+            let changed = strengths.emitters.iter().filter(|one| one.flux != one.source.hidden);
+            let fluxes: Vec<_> = changed.map(|one| (&emitters.list[one.emitter], one.flux)).collect();
+            Arc::new(relight::with_fluxes(&env, &fluxes))
+        } else {
+            env
+        };
         Ok((Out { env, report: Arc::new(report) }, notes))
+    }
+}
+
+impl FitLights {
+    fn prior(&self) -> Prior {
+        Prior {
+            emitter: self.prior_stops,
+            colour: self.prior_colour_stops,
+            total: TOTAL * self.prior_stops,
+            known: 0.25,
+            known_colour: 0.1,
+        }
     }
 }
 
@@ -139,33 +191,6 @@ fn judge(params: &FitLights, found: Option<&Sun>, place: &PlaceMesh, origin: DVe
         Some(sun) if sun.rival > 0.6 * sun.gain => Verdict::Ambiguous,
         Some(sun) if !place.is_open(origin, sun.direction) => Verdict::Hidden,
         Some(_) => Verdict::Accepted,
-    }
-}
-
-fn report(env: &Environment, sun: Option<&Sun>, verdict: &str) -> Report {
-    let rows = sun.map(|sun| {
-        let (azimuth, elevation) = angles_deg(env.up, sun.direction);
-        let [red, green, blue] = sun.irradiance;
-        let numbers = [azimuth, elevation, red, green, blue, sun.error_stops, sun.glow, sun.gain, sun.rival]
-            .map(Cell::Number);
-        numbers.into_iter().chain([Cell::Text(verdict.to_owned())]).collect()
-    });
-    let rival = format!("best gain of a direction more than {RIVAL_DEG} degrees from this one");
-    let columns = [
-        "azimuth (deg, clockwise from forward)",
-        "elevation (deg)",
-        "irradiance (red)",
-        "irradiance (green)",
-        "irradiance (blue)",
-        "standard error of the irradiance (stops)",
-        "radiance of clipped surfaces and sky, relative to their displayed value",
-        "gain",
-        rival.as_str(),
-        "verdict",
-    ];
-    Report {
-        title: "Sun fitted to the shadows of the place".to_owned(),
-        tables: vec![Table::new("sun", columns, rows.into_iter().collect())],
     }
 }
 

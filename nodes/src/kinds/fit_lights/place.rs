@@ -86,6 +86,22 @@ impl PlaceMesh {
         !self.bvh.any(ray, |hit| self.colour(hit).max_element() <= CLIPPED)
     }
 
+    /// Same as [`Self::lets_in`], for light from a distance of `reach`.
+    pub fn lets_in_from(&self, from: DVec3, direction: DVec3, reach: f64) -> bool {
+        let ray = Ray { t_max: reach as f32, ..Ray::new(from.as_vec3(), direction.as_vec3()) };
+        !self.bvh.any(ray, |hit| self.colour(hit).max_element() <= CLIPPED)
+    }
+
+    /// Position and unit normal of the first surface in a direction from a local point. The normal is on the side
+    /// of the point. `None` if there is no surface.
+    pub fn surface(&self, from: DVec3, direction: DVec3) -> Option<(DVec3, DVec3)> {
+        let hit = self.hit(from, direction)?;
+        let [a, b, c] = self.corners[hit.triangle as usize].map(Vec3::as_dvec3);
+        let normal = (b - a).cross(c - a).try_normalize()?;
+        let normal = if normal.dot(direction) > 0.0 { -normal } else { normal };
+        Some((from + direction * f64::from(hit.t), normal))
+    }
+
     /// Same as [`Self::lets_in`], for a world position.
     pub fn is_open(&self, position: DVec3, direction: DVec3) -> bool {
         self.lets_in(self.local(position), direction)

@@ -1,12 +1,12 @@
 //! Inserts the sun into an environment.
 
-use glam::DVec3;
-
-use super::incident::{WHITE, shown};
+use super::incident::shown;
+use super::sources::{split, weight};
 use super::sun::Sun;
+use crate::light::emitters::{self, Emitter, WHITE};
 use crate::light::regions;
 use crate::math::color::luminance;
-use crate::math::equirect::{direction, pixel_solid_angle, uv};
+use crate::math::equirect::{pixel_solid_angle, uv};
 use crate::math::num;
 use crate::types::Environment;
 
@@ -22,7 +22,7 @@ pub(super) fn with_sun(env: &Environment, sun: &Sun) -> Environment {
     let mask: Vec<bool> =
         env.image.samples.chunks_exact(3).map(|c| luminance([c[0], c[1], c[2]]) >= WHITE).collect();
     let labels = regions::label(&mask, width);
-    let towards = |at: usize| texel_direction(env, at);
+    let towards = |at: usize| emitters::texel(env, at).0;
     let nearest = (0..mask.len()).filter(|&at| mask[at]).max_by(|&a, &b| {
         towards(a).dot(sun.direction).total_cmp(&towards(b).dot(sun.direction)).then(b.cmp(&a))
     });
@@ -53,8 +53,22 @@ pub(super) fn with_sun(env: &Environment, sun: &Sun) -> Environment {
     lit
 }
 
-fn texel_direction(env: &Environment, at: usize) -> DVec3 {
-    let (width, height) = (env.image.width, env.image.height);
-    let [u, v] = [(at % width) as f64 + 0.5, (at / width) as f64 + 0.5];
-    direction(env.up, u / width as f64, v / height as f64)
+/// Returns the environment with other hidden fluxes of its emitters. The hidden light of an emitter keeps its
+/// distribution over the texels, and what the panorama shows of it stays the same. Emitters without a flux and all
+/// other texels stay the same bit for bit.
+pub(super) fn with_fluxes(env: &Environment, emitters: &[(&Emitter, [f64; 3])]) -> Environment {
+    let mut lit = env.clone();
+    for (emitter, flux) in emitters {
+        let hidden = |&at: &usize| split(env, at).1 * emitters::texel(env, at).1;
+        let all: f64 = emitter.texels.iter().map(hidden).sum();
+        for &at in &emitter.texels {
+            let ((_, solid_angle), (shown, more)) = (emitters::texel(env, at), split(env, at));
+            let share = weight(more, solid_angle, all, emitter) / solid_angle;
+            let texel = &mut lit.image.samples[3 * at..3 * at + 3];
+            for ((value, shown), flux) in texel.iter_mut().zip(shown).zip(flux) {
+                *value = (shown + flux * share).min(f64::from(f32::MAX)) as f32;
+            }
+        }
+    }
+    lit
 }

@@ -3,10 +3,11 @@
 use engine::{Context, NodeError};
 use glam::DVec3;
 
-use super::incident::{Incident, WHITE, incident};
+use super::incident::Incident;
 use super::pairs::{Pair, neighbours};
 use super::place::PlaceMesh;
 use super::shading::Shading;
+use crate::light::emitters::WHITE;
 use crate::light::measure::spiral;
 use crate::light::regions;
 use crate::math::color::luminance;
@@ -97,6 +98,7 @@ impl Verdict {
 pub(super) fn find(
     place: &PlaceMesh,
     shading: &Shading,
+    incident: &[Incident],
     env: &Environment,
     cx: &Context,
 ) -> Result<Option<Sun>, NodeError> {
@@ -105,7 +107,7 @@ pub(super) fn find(
     if pairs.len() < FEWEST || candidates.is_empty() {
         return Ok(None);
     }
-    let scene = Scene { place, shading, incident: incident(place, shading, env, cx)? };
+    let scene = Scene { place, shading, incident };
     let fit = Fit::new(&scene, &pairs, |rgb| f64::from(luminance(rgb)));
     let (without, glow) = least((0..GLOWS.len()).map(|glow| (fit.without(glow), glow)));
     let coarse = cx.for_each_tile(candidates.len(), |index| {
@@ -202,7 +204,7 @@ fn around(direction: DVec3, step: f64) -> Vec<DVec3> {
 struct Scene<'a> {
     place: &'a PlaceMesh,
     shading: &'a Shading,
-    incident: Vec<Incident>,
+    incident: &'a [Incident],
 }
 
 impl Scene<'_> {

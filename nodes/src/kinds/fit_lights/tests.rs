@@ -6,7 +6,9 @@ use super::*;
 use crate::geometry::sampling::{fraction, hash};
 use crate::math::num;
 use crate::testing::context;
-use crate::types::Image;
+use crate::types::{Cell, Image};
+
+mod two_lights;
 
 /// Floor of 8 by 8 m with a box of 1 m on it, in cells of 10 cm, lit by a sky of radiance 0.4 and a sun.
 /// Slabs of 1.2 m have albedo 0.3 or 0.5, with 5 % of noise per cell.

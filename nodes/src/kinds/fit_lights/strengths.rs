@@ -1,0 +1,254 @@
+//! Strength and colour of each emitter from the shading of the place.
+
+use std::collections::BTreeMap;
+
+use engine::{Context, NodeError};
+use glam::DVec3;
+
+use super::estimate::{Estimate, Observed, Prior, estimate};
+use super::incident::Incident;
+use super::pairs::{neighbours, wide};
+use super::place::PlaceMesh;
+use super::shading::Shading;
+use super::sources::Source;
+use crate::light::emitters::Emitters;
+use crate::light::measure::luminance;
+use crate::math::num;
+use crate::types::Environment;
+
+/// Maximum number of emitters that are fitted individually. The others keep their predicted light.
+const MOST: usize = 6;
+/// Minimum share of the hidden light for an emitter to be fitted.
+const LEAST: f64 = 0.01;
+/// Maximum number of emitters whose light is computed.
+const COMPUTED: usize = 24;
+/// Smallest predicted hidden flux, relative to the displayed flux. The logarithm of less would be too far away.
+const DIMMEST: f64 = 0.05;
+/// Size of the groups of points whose errors are correlated, relative to the size of the surroundings.
+const GROUP: f64 = 0.3;
+/// Smallest number of pairs.
+const FEWEST: usize = 200;
+/// Error of every estimate that the spread of the groups does not contain, in stops: errors of the mesh, and of the
+/// distribution of the light within an emitter.
+const SYSTEMATIC: f64 = 0.15;
+/// Number of standard errors by which the estimate must explain the colours better than constant light, and better
+/// than the prediction.
+const CLEAR: f64 = 2.0;
+/// Largest standard error of a fitted emitter, relative to that of the prediction.
+const INFORMED: f64 = 0.7;
+/// Number of points per tile.
+const TILE: usize = 128;
+
+/// Result for one emitter, or the reason why it keeps its predicted light.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Verdict {
+    Fitted,
+    Uninformed,
+    Unexplained,
+    Agrees,
+    Weak,
+    Sun,
+    NothingToCompare,
+}
+
+impl Verdict {
+    /// The verdict as a text for users.
+    pub fn text(self) -> &'static str {
+        match self {
+            Self::Fitted => "fitted",
+            Self::Uninformed => {
+                "the shading of the place does not show its strength; it changed only so that the sum of all light stays plausible"
+            }
+            Self::Unexplained => "kept: the colours of the place do not show the shading of these lights",
+            Self::Agrees => "kept: the colours of the place agree with the prediction",
+            Self::Weak => "kept: hides less than 1 % of the light, or is not among the six strongest",
+            Self::Sun => "fitted by its shadows",
+            Self::NothingToCompare => "kept: too few surface points can be compared",
+        }
+    }
+}
+
+/// An emitter with its estimate.
+pub(super) struct Fitted {
+    /// Index of the emitter.
+    pub emitter: usize,
+    pub source: Source,
+    /// Hidden flux after the fit.
+    pub flux: [f64; 3],
+    /// Standard error of the luminance of the hidden flux, in stops, and the same before the fit; `None` if it was
+    /// not fitted.
+    pub error_stops: Option<[f64; 2]>,
+    pub verdict: Verdict,
+}
+
+/// The estimates of all emitters.
+pub(super) struct Strengths {
+    pub emitters: Vec<Fitted>,
+    /// True if the environment changes.
+    pub accepted: bool,
+    /// Part of the cost of constant light that the prediction and the estimate explain.
+    pub explained: Option<[f64; 2]>,
+    /// Factor of the known light.
+    pub known: [f64; 3],
+}
+
+/// What the fit starts from.
+pub(super) struct Given<'a> {
+    pub place: &'a PlaceMesh,
+    pub shading: &'a Shading,
+    /// Light that the points receive, without emitters.
+    pub incident: &'a [Incident],
+    pub env: &'a Environment,
+    pub emitters: &'a Emitters,
+    /// Point of capture, in world units.
+    pub origin: DVec3,
+    /// Direction of a sun that was already fitted.
+    pub sun: Option<DVec3>,
+}
+
+/// Fits the emitters of an environment. Without a prior, all emitters keep their light.
+pub(super) fn fit(given: &Given<'_>, prior: Option<&Prior>, cx: &Context) -> Result<Strengths, NodeError> {
+    let Given { place, shading, env, emitters, .. } = *given;
+    let origin = place.local(given.origin);
+    let sun = given.sun.and_then(|direction| emitters.at(env.up, direction));
+    let mut all: Vec<Fitted> = emitters
+        .list
+        .iter()
+        .enumerate()
+        .take(COMPUTED)
+        .map(|(index, emitter)| {
+            let source = Source::new(env, emitter, place, origin);
+            let verdict = if sun == Some(index) { Verdict::Sun } else { Verdict::Weak };
+            Fitted { emitter: index, flux: source.hidden, source, error_stops: None, verdict }
+        })
+        .collect();
+    cx.check()?;
+    let hidden: f64 = all.iter().map(|one| luminance(one.source.hidden)).sum();
+    let strong = |one: &&mut Fitted| {
+        let flux = luminance(one.source.hidden);
+        one.verdict == Verdict::Weak && flux > 0.0 && flux >= LEAST * hidden
+    };
+    let mut tried: Vec<usize> = Vec::new();
+    for one in all.iter_mut().filter(strong).take(MOST) {
+        one.verdict = Verdict::NothingToCompare;
+        tried.push(one.emitter);
+    }
+    let kept = |all| Strengths { emitters: all, accepted: false, explained: None, known: [1.0; 3] };
+    let Some(prior) = prior else { return Ok(kept(all)) };
+    let pairs: Vec<_> = if tried.is_empty() || shading.points.is_empty() {
+        Vec::new()
+    } else {
+        neighbours(shading).into_iter().chain(wide(shading)).collect()
+    };
+    if pairs.len() < FEWEST {
+        return Ok(kept(all));
+    }
+    let observed = observe(given, &all, &tried, pairs, cx)?;
+    let predicted: Vec<[f64; 3]> = tried
+        .iter()
+        .map(|&index| {
+            let source = &all[index].source;
+            [0, 1, 2].map(|c| source.hidden[c].max(DIMMEST * source.shown[c]).max(1e-9))
+        })
+        .collect();
+    let found = estimate(&observed, &predicted, prior);
+    cx.check()?;
+    let verdict = judge(&found);
+    let [constant, before, after] = [0, 1, 2].map(|index| found.costs[index].iter().sum::<f64>());
+    for (place, &index) in tried.iter().enumerate() {
+        let one = &mut all[index];
+        let error = (found.error_stops[place].powi(2) + SYSTEMATIC * SYSTEMATIC).sqrt();
+        let informed = error < INFORMED * found.prior_stops[place];
+        one.error_stops = Some([error, found.prior_stops[place]]);
+        one.verdict = match verdict {
+            Verdict::Fitted if !informed => Verdict::Uninformed,
+            verdict => verdict,
+        };
+        if verdict == Verdict::Fitted {
+            one.flux = found.fluxes[place];
+        }
+    }
+    let accepted = all.iter().any(|one| one.verdict == Verdict::Fitted);
+    if !accepted {
+        all.iter_mut().for_each(|one| one.flux = one.source.hidden);
+    }
+    let explained = (constant > 0.0).then(|| [before, after].map(|cost| 1.0 - cost / constant));
+    Ok(Strengths { emitters: all, accepted, explained, known: found.known })
+}
+
+/// Compares the costs of constant light, of the prediction and of the estimate, group by group.
+fn judge(found: &Estimate) -> Verdict {
+    let [constant, before, after] = &found.costs;
+    let clear = |worse: &[f64], better: &[f64]| {
+        let count = worse.len() as f64;
+        let differences: Vec<f64> = worse.iter().zip(better).map(|(a, b)| a - b).collect();
+        let sum: f64 = differences.iter().sum();
+        let mean = sum / count;
+        let squares: f64 = differences.iter().map(|d| (d - mean) * (d - mean)).sum();
+        sum > CLEAR * squares.sqrt()
+    };
+    if !clear(constant, after) {
+        Verdict::Unexplained
+    } else if !clear(before, after) {
+        Verdict::Agrees
+    } else {
+        Verdict::Fitted
+    }
+}
+
+/// Computes the light of all emitters at all points.
+fn observe(
+    given: &Given<'_>,
+    all: &[Fitted],
+    tried: &[usize],
+    pairs: Vec<super::pairs::Pair>,
+    cx: &Context,
+) -> Result<Observed, NodeError> {
+    let Given { place, shading, incident, .. } = *given;
+    let points = &shading.points;
+    let tiles = cx.for_each_tile(points.len().div_ceil(TILE), |tile| {
+        let light = |point: &super::shading::Point| {
+            let from = point.position + point.normal * place.offset;
+            let mut shown = [0.0; 3];
+            let mut by_emitter = vec![0.0; tried.len()];
+            for one in all {
+                let (displayed, hidden) = one.source.light(from, point.normal, place);
+                let fitted = tried.iter().position(|&index| index == one.emitter);
+                for channel in 0..3 {
+                    let fixed = if fitted.is_none() { hidden * one.source.hidden[channel] } else { 0.0 };
+                    shown[channel] += displayed[channel] + fixed;
+                }
+                if let Some(fitted) = fitted {
+                    by_emitter[fitted] = hidden;
+                }
+            }
+            (shown, by_emitter)
+        };
+        points[tile * TILE..].iter().take(TILE).map(light).collect::<Vec<_>>()
+    })?;
+    let mut observed = Observed {
+        logs: points
+            .iter()
+            .map(|point| point.radiance.to_array().map(|v| num::f64::ln(f64::from(v).max(1e-4))))
+            .collect(),
+        known: incident.iter().map(|light| light.known.to_array().map(f64::from)).collect(),
+        shown: Vec::with_capacity(points.len()),
+        by_emitter: vec![Vec::with_capacity(points.len()); tried.len()],
+        pairs,
+        groups: Vec::with_capacity(points.len()),
+        group_count: 0,
+    };
+    for (shown, by_emitter) in tiles.into_iter().flatten() {
+        observed.shown.push(shown);
+        observed.by_emitter.iter_mut().zip(by_emitter).for_each(|(list, value)| list.push(value));
+    }
+    let mut numbers = BTreeMap::new();
+    for point in points {
+        let cell = (point.position / (GROUP * shading.size)).floor().to_array().map(|v| v as i64);
+        let side = point.normal.abs().max_position();
+        let next = numbers.len() as u32;
+        observed.groups.push(*numbers.entry((cell, side)).or_insert(next));
+    }
+    observed.group_count = numbers.len();
+    Ok(observed)
+}
