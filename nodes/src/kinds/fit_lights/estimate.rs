@@ -9,13 +9,17 @@ use crate::math::num;
 
 /// Scales of the robust comparison, as natural logarithms, from the first stage to the last. The first stages let
 /// the fit leave a poor prediction.
-const SPREADS: [f64; 4] = [1.0, 0.5, 0.25, 0.25];
+const SPREADS: [f64; 4] = [1.0, 0.5, LAST, LAST];
+/// Scale of the last stage.
+const LAST: f64 = 0.25;
 /// Steps per stage.
 const STEPS: usize = 8;
 /// Longest step of an unknown, as a natural logarithm.
 const LONGEST: f64 = 1.0;
-/// Light that every point receives in addition, relative to the median, so that no logarithm is infinite.
+/// Known light that every point receives in addition, relative to the median, so that no logarithm is infinite.
 const FLOOR: f64 = 0.01;
+/// Number of parts of the place whose separate estimates are compared.
+const PARTS: u32 = 4;
 
 /// Standard deviations of what is assumed about the light before the place is looked at, in stops.
 #[derive(Debug, Clone, Copy)]
@@ -48,6 +52,8 @@ pub(super) struct Observed {
     pub groups: Vec<u32>,
     /// Number of groups.
     pub group_count: usize,
+    /// Part of the place that each point is in, below [`PARTS`].
+    pub parts: Vec<u32>,
 }
 
 /// The estimate.
@@ -66,7 +72,7 @@ pub(super) struct Estimate {
 
 impl Observed {
     /// Natural logarithm of the light of each point, and the share of each emitter (then of the known light) in it.
-    fn lights(&self, unknown: &[f64], floor: [f64; 3]) -> (Vec<[f64; 3]>, Vec<Vec<[f64; 3]>>) {
+    fn lights(&self, unknown: &[f64]) -> (Vec<[f64; 3]>, Vec<Vec<[f64; 3]>>) {
         let emitters = self.by_emitter.len();
         let factor = |index: usize| [0, 1, 2].map(|c| num::f64::exp(unknown[3 * index + c]));
         let factors: Vec<[f64; 3]> = (0..=emitters).map(factor).collect();
@@ -79,7 +85,7 @@ impl Observed {
             };
             let sum = [0, 1, 2].map(|channel| {
                 let parts = (0..=emitters).map(|index| part(index, channel)).sum::<f64>();
-                parts + self.shown[point][channel] + floor[channel]
+                parts + self.shown[point][channel]
             });
             logs.push(sum.map(num::f64::ln));
             for (index, shares) in shares.iter_mut().enumerate() {
@@ -108,14 +114,16 @@ impl Observed {
         costs
     }
 
-    /// Floor of the light in each channel.
-    fn floor(&self) -> [f64; 3] {
-        [0, 1, 2].map(|channel| {
+    /// Adds the floor to the known light. It is part of the known light, since the data would otherwise determine the
+    /// overall scale by it.
+    fn raise(&mut self) {
+        for channel in 0..3 {
             let light = |point: usize| self.known[point][channel] + self.shown[point][channel];
             let mut lights: Vec<f64> = (0..self.logs.len()).map(light).collect();
             let middle = lights.len() / 2;
-            (FLOOR * *lights.select_nth_unstable_by(middle, f64::total_cmp).1).max(1e-9)
-        })
+            let floor = (FLOOR * *lights.select_nth_unstable_by(middle, f64::total_cmp).1).max(1e-9);
+            self.known.iter_mut().for_each(|known| known[channel] += floor);
+        }
     }
 }
 
@@ -131,13 +139,16 @@ struct Normal {
 }
 
 impl Normal {
-    fn of(observed: &Observed, unknown: &[f64], floor: [f64; 3], spread: f64) -> Self {
-        let (lights, shares) = observed.lights(unknown, floor);
+    fn of(observed: &Observed, only: Option<u32>, unknown: &[f64], spread: f64) -> Self {
+        let (lights, shares) = observed.lights(unknown);
         let (count, parts) = (unknown.len(), shares.len());
         let mut matrix = Matrix::zero(count);
         let mut by_group = vec![vec![0.0; count]; observed.group_count];
         let mut row = vec![0.0; count];
         for pair in &observed.pairs {
+            if only.is_some_and(|part| observed.parts[pair[0] as usize] != part) {
+                continue;
+            }
             let r = observed.residual(*pair, &lights);
             let fit = spread * spread / (spread * spread + mean_square(r));
             let weight = fit * fit;
@@ -201,38 +212,49 @@ fn luminance_shares(flux: [f64; 3], sum: f64) -> [f64; 3] {
     })
 }
 
-/// Estimates the hidden fluxes of the emitters. `predicted` are the fluxes of the prediction, which are positive.
-pub(super) fn estimate(observed: &Observed, predicted: &[[f64; 3]], prior: &Prior) -> Estimate {
-    let emitters = predicted.len();
-    let start: Vec<f64> =
-        predicted.iter().flatten().map(|flux| num::f64::ln(*flux)).chain([0.0; 3]).collect();
-    let floor = observed.floor();
-    let precision = precision(prior, emitters);
-    let scales: Vec<f64> = (0..start.len())
-        .map(|i| {
-            let (all, one) = if i < 3 * emitters {
-                (prior.emitter, prior.colour)
-            } else {
-                (prior.known, prior.known_colour)
-            };
+/// The estimate of one set of pairs.
+struct Fit<'a> {
+    observed: &'a Observed,
+    prior: &'a Prior,
+    /// Predicted unknowns.
+    start: Vec<f64>,
+    precision: Matrix,
+    scales: Vec<f64>,
+}
+
+impl<'a> Fit<'a> {
+    fn new(observed: &'a Observed, predicted: &[[f64; 3]], prior: &'a Prior) -> Self {
+        let emitters = predicted.len();
+        let start: Vec<f64> =
+            predicted.iter().flatten().map(|flux| num::f64::ln(*flux)).chain([0.0; 3]).collect();
+        let scale = |i: usize| {
+            let known = i >= 3 * emitters;
+            let (all, one) =
+                if known { (prior.known, prior.known_colour) } else { (prior.emitter, prior.colour) };
             LN_2 * (all * all + one * one).sqrt()
-        })
-        .collect();
-    let fluxes = |unknown: &[f64]| -> Vec<[f64; 3]> {
+        };
+        let scales = (0..start.len()).map(scale).collect();
+        Self { observed, prior, start, precision: precision(prior, emitters), scales }
+    }
+
+    /// Hidden fluxes of some unknowns.
+    fn fluxes(&self, unknown: &[f64]) -> Vec<[f64; 3]> {
+        let emitters = self.start.len() / 3 - 1;
         (0..emitters).map(|e| [0, 1, 2].map(|c| num::f64::exp(unknown[3 * e + c]))).collect()
-    };
-    let sum = |fluxes: &[[f64; 3]]| fluxes.iter().map(|flux| luminance(*flux)).sum::<f64>();
-    let (before, total) = (sum(predicted), prior.total * LN_2);
-    // Adds the assumptions to the equations: each emitter by itself, and all together.
-    let assume = |unknown: &[f64], matrix: &mut Matrix, gradient: &mut [f64]| {
+    }
+
+    /// Adds the assumptions to the equations: each emitter by itself, and all together.
+    fn assume(&self, unknown: &[f64], matrix: &mut Matrix, gradient: &mut [f64]) {
         for i in 0..unknown.len() {
             for j in 0..unknown.len() {
-                matrix.add(i, j, precision.at(i, j));
-                gradient[i] -= precision.at(i, j) * (unknown[j] - start[j]);
+                matrix.add(i, j, self.precision.at(i, j));
+                gradient[i] -= self.precision.at(i, j) * (unknown[j] - self.start[j]);
             }
         }
-        let fluxes = fluxes(unknown);
-        let now = sum(&fluxes);
+        let sum = |fluxes: &[[f64; 3]]| fluxes.iter().map(|flux| luminance(*flux)).sum::<f64>();
+        let fluxes = self.fluxes(unknown);
+        let (now, before) = (sum(&fluxes), sum(&self.fluxes(&self.start)));
+        let total = self.prior.total * LN_2;
         let slopes: Vec<f64> = fluxes.iter().flat_map(|flux| luminance_shares(*flux, now)).collect();
         let off = num::f64::ln(now / before);
         for (i, slope) in slopes.iter().enumerate() {
@@ -242,55 +264,72 @@ pub(super) fn estimate(observed: &Observed, predicted: &[[f64; 3]], prior: &Prio
                 .enumerate()
                 .for_each(|(j, other)| matrix.add(i, j, slope * other / (total * total)));
         }
-    };
-    let mut unknown = start.clone();
-    let mut weight = None;
-    for (stage, spread) in SPREADS.into_iter().enumerate() {
-        for step in 0..STEPS {
-            let Normal { mut matrix, mut gradient, by_group } = Normal::of(observed, &unknown, floor, spread);
-            // The gradients of the groups are those of errors only near the optimum.
-            if weight.is_none() || (stage + 2 >= SPREADS.len() && step % 4 == 0) {
-                let normal = Normal { matrix: matrix.clone(), gradient: gradient.clone(), by_group };
-                weight = Some(normal.weight(&scales));
-            }
-            let weight = weight.unwrap_or(0.0);
-            matrix.scale(weight);
-            gradient.iter_mut().for_each(|value| *value *= weight);
-            assume(&unknown, &mut matrix, &mut gradient);
-            let Some(change) = matrix.solve(&gradient) else { break };
-            let longest = change.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
-            let by = if longest > LONGEST { LONGEST / longest } else { 1.0 };
-            unknown.iter_mut().zip(&change).for_each(|(value, change)| *value += by * change);
-        }
     }
-    let spread = SPREADS[SPREADS.len() - 1];
-    let fluxes_of = fluxes(&unknown);
-    let errors = |with: bool| -> Vec<f64> {
-        let at = if with { &unknown } else { &start };
-        let normal = Normal::of(observed, at, floor, spread);
+
+    /// The best unknowns, and the weight of the comparison. `only` limits the pairs to one part of the place.
+    fn solve(&self, only: Option<u32>) -> (Vec<f64>, f64) {
+        let (mut unknown, mut weight) = (self.start.clone(), None);
+        for (stage, spread) in SPREADS.into_iter().enumerate() {
+            for step in 0..STEPS {
+                let normal = Normal::of(self.observed, only, &unknown, spread);
+                // The gradients of the groups are those of errors only near the optimum.
+                if weight.is_none() || (stage + 2 >= SPREADS.len() && step % 4 == 0) {
+                    weight = Some(normal.weight(&self.scales));
+                }
+                let Normal { mut matrix, mut gradient, .. } = normal;
+                let by = weight.unwrap_or(0.0);
+                matrix.scale(by);
+                gradient.iter_mut().for_each(|value| *value *= by);
+                self.assume(&unknown, &mut matrix, &mut gradient);
+                let Some(change) = matrix.solve(&gradient) else { break };
+                let longest = change.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
+                let by = if longest > LONGEST { LONGEST / longest } else { 1.0 };
+                unknown.iter_mut().zip(&change).for_each(|(value, change)| *value += by * change);
+            }
+        }
+        (unknown, weight.unwrap_or(0.0))
+    }
+
+    /// Standard errors of the luminance of each hidden flux in stops, if the comparison counts with a weight.
+    fn errors(&self, unknown: &[f64], weight: f64) -> Vec<f64> {
+        let normal = Normal::of(self.observed, None, unknown, LAST);
         let (mut matrix, mut gradient) = (normal.matrix, normal.gradient);
-        matrix.scale(if with { weight.unwrap_or(0.0) } else { 0.0 });
-        assume(at, &mut matrix, &mut gradient);
-        (0..emitters)
-            .map(|e| {
-                let flux = fluxes(at)[e];
-                let mut slope = vec![0.0; start.len()];
-                slope[3 * e..3 * e + 3].copy_from_slice(&luminance_shares(flux, luminance(flux)));
-                let solved = matrix.solve(&slope).unwrap_or_default();
-                solved.iter().zip(&slope).map(|(a, b)| a * b).sum::<f64>().max(0.0).sqrt() / LN_2
-            })
-            .collect()
+        matrix.scale(weight);
+        self.assume(unknown, &mut matrix, &mut gradient);
+        let error = |(e, flux): (usize, &[f64; 3])| {
+            let mut slope = vec![0.0; self.start.len()];
+            slope[3 * e..3 * e + 3].copy_from_slice(&luminance_shares(*flux, luminance(*flux)));
+            let solved = matrix.solve(&slope).unwrap_or_default();
+            solved.iter().zip(&slope).map(|(a, b)| a * b).sum::<f64>().max(0.0).sqrt() / LN_2
+        };
+        self.fluxes(unknown).iter().enumerate().map(error).collect()
+    }
+}
+
+/// Estimates the hidden fluxes of the emitters. `predicted` are the fluxes of the prediction, which are positive.
+/// The standard errors are the larger of two: from the groups, and from the separate estimates of the parts.
+pub(super) fn estimate(mut observed: Observed, predicted: &[[f64; 3]], prior: &Prior) -> Estimate {
+    observed.raise();
+    let fit = Fit::new(&observed, predicted, prior);
+    let (unknown, weight) = fit.solve(None);
+    let parts: Vec<Vec<[f64; 3]>> = (0..PARTS).map(|part| fit.fluxes(&fit.solve(Some(part)).0)).collect();
+    let disagreement = |emitter: usize| {
+        let stops: Vec<f64> = parts.iter().map(|fluxes| num::f64::log2(luminance(fluxes[emitter]))).collect();
+        let mean = stops.iter().sum::<f64>() / f64::from(PARTS);
+        let squares = stops.iter().map(|stops| (stops - mean) * (stops - mean)).sum::<f64>();
+        (squares / f64::from(PARTS * (PARTS - 1))).sqrt()
     };
-    let lights = |unknown: &[f64]| observed.lights(unknown, floor).0;
+    let errors = fit.errors(&unknown, weight);
+    let lights = |unknown: &[f64]| observed.lights(unknown).0;
     Estimate {
-        error_stops: errors(true),
-        prior_stops: errors(false),
-        known: [0, 1, 2].map(|c| num::f64::exp(unknown[3 * emitters + c])),
+        error_stops: errors.iter().enumerate().map(|(e, error)| error.max(disagreement(e))).collect(),
+        prior_stops: fit.errors(&fit.start, 0.0),
+        known: [0, 1, 2].map(|c| num::f64::exp(unknown[3 * predicted.len() + c])),
         costs: [
-            observed.costs(None, spread),
-            observed.costs(Some(&lights(&start)), spread),
-            observed.costs(Some(&lights(&unknown)), spread),
+            observed.costs(None, LAST),
+            observed.costs(Some(&lights(&fit.start)), LAST),
+            observed.costs(Some(&lights(&unknown)), LAST),
         ],
-        fluxes: fluxes_of,
+        fluxes: fit.fluxes(&unknown),
     }
 }

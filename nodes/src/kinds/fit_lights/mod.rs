@@ -1,4 +1,4 @@
-//! `fit-lights`: finds the sun of an environment from the shadows that it casts.
+//! `fit-lights`: corrects the lights of an environment by the shading of the captured place.
 
 use std::sync::Arc;
 
@@ -29,20 +29,29 @@ use self::strengths::Given;
 use self::sun::{Sun, Verdict};
 
 engine::params! {
-    /// Finds the sun of a recovered environment from the shadows that it casts in the captured place.
+    /// Corrects the lights of a recovered environment by the shading of the captured place: the direction of the sun,
+    /// and the strength and colour of every emitter.
     ///
-    /// A panorama clips the sun together with the sky around it, so a prediction can only spread the hidden light
-    /// over the clipped region. The captured colours of the place reveal the direction of the sun, because they
-    /// change abruptly where a shadow ends. For each direction in the clipped regions, `fit-lights` computes which
-    /// surface points would be in the sun, and which the receiver mesh would shadow. Then it compares neighbouring
-    /// points of similar orientation: the ratio of their colours should be the ratio of the light that they
-    /// receive. The light that does not come from the sun is known, because it comes from surfaces and sky that are
-    /// not clipped. The comparison is robust: differences in albedo reduce its precision, but do not bias it.
+    /// A panorama clips lamps, windows and the sun, so a prediction can only estimate the light that they hide. The
+    /// captured colours of the place show this light: they change abruptly where a shadow ends, and gradually with
+    /// the distance from a lamp. The colours of two neighbouring points of similar orientation are compared: their
+    /// ratio should be the ratio of the light that both receive. The light from surfaces and sky that are not clipped
+    /// is known, including all bounces, because the capture shows it. The comparison is robust: differences in albedo
+    /// reduce its precision, but do not bias it.
     ///
-    /// If one direction explains the colours clearly better than all others, the sun is placed in that direction
-    /// with its fitted irradiance and colour, and the clipped region around it gets the fitted glow in place of the
-    /// predicted light. Otherwise the environment is unchanged. Clipped mesh colours count as openings, so the sun
-    /// may shine through a window.
+    /// *The sun.* For each direction in the clipped regions, `fit-lights` computes which surface points would be in
+    /// the sun, and which the receiver mesh would shadow. If one direction explains the colours clearly better than
+    /// all others, the sun is placed in that direction with its fitted irradiance and colour, and the clipped region
+    /// around it gets the fitted glow in place of the predicted light. Clipped mesh colours count as openings, so the
+    /// sun may shine through a window.
+    ///
+    /// *Emitters.* Each region of the environment that is at least as bright as white is an emitter. It is on the mesh
+    /// where the panorama shows it, in an opening of the mesh, or infinitely far away. Of the six strongest, the
+    /// hidden light in red, green and blue is estimated. The prediction is the prior, with a standard deviation of
+    /// `prior_stops` for each emitter and of 0.6 times this value for their sum. The report states a standard error
+    /// for each. The light is unchanged if the estimate does not explain the colours clearly better than constant
+    /// light and better than the prediction. The overall scale follows from the known light; in a place that reflects
+    /// little light, it is that of the prediction.
     pub struct FitLights {
         /// Number of surface points to compare.
         points: u32 = 12000, range(200, 200000), other("400"), inert("the panorama of the test graph is not clipped above the horizon");
@@ -74,9 +83,10 @@ engine::inputs! {
 engine::outputs! {
     /// Outputs of `fit-lights`.
     pub struct Out {
-        /// The light with its sun, or the unchanged input if no sun was found.
+        /// The corrected light, or the unchanged input if the place does not show that it is wrong.
         env: Arc<Environment>,
-        /// The sun that was found, or the best candidate, and how well it explains the colours of the place.
+        /// The sun that was found, or the best candidate, and how well it explains the colours of the place; each
+        /// emitter with its place, share, strength and colour before and after, and their errors.
         report: Arc<Report>,
     }
 }

@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DVec3};
 
-use super::place::PlaceMesh;
+use super::place::{PlaceMesh, Seen};
 use crate::light::emitters::{self, Emitter};
 use crate::light::measure::luminance;
 use crate::light::regions;
@@ -15,6 +15,8 @@ const PROBES: usize = 256;
 /// Minimum fraction of rays to the texels of an emitter that meet the mesh for an emitter to be a surface, and of
 /// rays around it for it to be an opening.
 const MOSTLY: f64 = 0.5;
+/// Minimum brightness of the mesh where an emitter is on it: the median of the largest channel.
+const BRIGHT: f32 = 0.6;
 /// Minimum length of the mean of the unit normals of a flat surface.
 const FLAT: f64 = 0.9;
 /// Width of the rim around an opening, in degrees.
@@ -59,6 +61,8 @@ pub(super) struct Source {
     pub shown: [f64; 3],
     /// Hidden flux at the point of capture, as predicted.
     pub hidden: [f64; 3],
+    /// True if the mesh is bright where the emitter is on it, or if it is not on the mesh.
+    pub is_bright: bool,
     patches: Vec<Patch>,
     /// Unit normal of a flat source, towards the point of capture.
     facing: DVec3,
@@ -93,12 +97,13 @@ impl Source {
             }
             all += more * solid_angle;
         }
-        let (kind, facing, distance, extent) = shape(env, emitter, place, origin);
+        let Shape { kind, facing, distance, extent, is_bright } = shape(env, emitter, place, origin);
         let mut source = Self {
             kind,
             distance,
             shown,
             hidden,
+            is_bright,
             patches: Vec::new(),
             facing,
             slack: if kind == Kind::Body { extent } else { 0.03 * distance } + 4.0 * place.offset,
@@ -196,12 +201,29 @@ fn shape(env: &Environment, emitter: &Emitter, place: &PlaceMesh, origin: DVec3)
         let spread = met.iter().map(|(position, _)| position.distance_squared(centre)).sum::<f64>();
         let extent = (spread / met.len() as f64).sqrt();
         let distance = distance_of(&met);
-        return if mean.length() > FLAT && -mean.normalize().dot(emitter.direction) > GRAZING {
-            (Kind::Surface, mean.normalize(), distance, extent)
+        let colour = |at: &usize| place.seen(origin, emitters::texel(env, *at).0);
+        let mut brightness: Vec<f32> = emitter
+            .texels
+            .iter()
+            .step_by(step)
+            .filter_map(|at| if let Seen::Surface(rgb) = colour(at) { Some(rgb.max_element()) } else { None })
+            .collect();
+        let middle = brightness.len() / 2;
+        let is_bright = *brightness.select_nth_unstable_by(middle, f32::total_cmp).1 > BRIGHT;
+        let (kind, facing) = if mean.length() > FLAT && -mean.normalize().dot(emitter.direction) > GRAZING {
+            (Kind::Surface, mean.normalize())
         } else {
-            (Kind::Body, -emitter.direction, distance, extent)
+            (Kind::Body, -emitter.direction)
         };
+        return Shape { kind, facing, distance, extent, is_bright };
     }
+    let distant = Shape {
+        kind: Kind::Distant,
+        facing: -emitter.direction,
+        distance: f64::INFINITY,
+        extent: 0.0,
+        is_bright: true,
+    };
     let size = (env.image.width, env.image.width * env.image.height);
     let steps = (RIM_DEG * env.image.width as f64 / 360.0).ceil() as usize;
     let all = regions::around(&emitter.texels, size, steps);
@@ -209,16 +231,16 @@ fn shape(env: &Environment, emitter: &Emitter, place: &PlaceMesh, origin: DVec3)
     let rim: Vec<usize> = all.difference(&inside).copied().collect();
     let (met, count) = rays(&mut rim.iter().copied().step_by(rim.len().div_ceil(PROBES).max(1)));
     if met.len() < 8 || (met.len() as f64) < MOSTLY * f64::from(count) {
-        return (Kind::Distant, -emitter.direction, f64::INFINITY, 0.0);
+        return distant;
     }
     let positions: Vec<DVec3> = met.iter().map(|(position, _)| *position).collect();
     let (normal, centre, off, extent) = plane(&positions);
     let normal = if normal.dot(emitter.direction) > 0.0 { -normal } else { normal };
     let along = normal.dot(centre - origin) / normal.dot(emitter.direction);
     if off > PLANAR * extent || -normal.dot(emitter.direction) < GRAZING || along <= 0.0 {
-        return (Kind::Distant, -emitter.direction, f64::INFINITY, 0.0);
+        return distant;
     }
-    (Kind::Opening, normal, along, extent)
+    Shape { kind: Kind::Opening, facing: normal, distance: along, extent, is_bright: true }
 }
 
 /// Unit normal and centre of the plane nearest to some points, their RMS distance from it, and their RMS distance

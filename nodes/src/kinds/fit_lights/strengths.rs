@@ -13,6 +13,7 @@ use super::shading::Shading;
 use super::sources::Source;
 use crate::light::emitters::Emitters;
 use crate::light::measure::luminance;
+use crate::math::equirect::axes;
 use crate::math::num;
 use crate::types::Environment;
 
@@ -36,6 +37,8 @@ const SYSTEMATIC: f64 = 0.15;
 const CLEAR: f64 = 2.0;
 /// Largest standard error of a fitted emitter, relative to that of the prediction.
 const INFORMED: f64 = 0.7;
+/// Largest share of the hidden light that may come from directions in which the mesh is dark.
+const MISPLACED: f64 = 0.3;
 /// Number of points per tile.
 const TILE: usize = 128;
 
@@ -44,6 +47,8 @@ const TILE: usize = 128;
 pub(super) enum Verdict {
     Fitted,
     Uninformed,
+    Off,
+    Misplaced,
     Unexplained,
     Agrees,
     Weak,
@@ -58,6 +63,10 @@ impl Verdict {
             Self::Fitted => "fitted",
             Self::Uninformed => {
                 "the shading of the place does not show its strength; it changed only so that the sum of all light stays plausible"
+            }
+            Self::Off => "kept: `strengths` is false",
+            Self::Misplaced => {
+                "kept: the mesh is dark where the panorama shows its lights; check that both are in the same frame"
             }
             Self::Unexplained => "kept: the colours of the place do not show the shading of these lights",
             Self::Agrees => "kept: the colours of the place agree with the prediction",
@@ -123,6 +132,11 @@ pub(super) fn fit(given: &Given<'_>, prior: Option<&Prior>, cx: &Context) -> Res
         })
         .collect();
     cx.check()?;
+    let kept = |all| Strengths { emitters: all, accepted: false, explained: None, known: [1.0; 3] };
+    let Some(prior) = prior else {
+        all.iter_mut().for_each(|one| one.verdict = Verdict::Off);
+        return Ok(kept(all));
+    };
     let hidden: f64 = all.iter().map(|one| luminance(one.source.hidden)).sum();
     let strong = |one: &&mut Fitted| {
         let flux = luminance(one.source.hidden);
@@ -133,8 +147,17 @@ pub(super) fn fit(given: &Given<'_>, prior: Option<&Prior>, cx: &Context) -> Res
         one.verdict = Verdict::NothingToCompare;
         tried.push(one.emitter);
     }
-    let kept = |all| Strengths { emitters: all, accepted: false, explained: None, known: [1.0; 3] };
-    let Some(prior) = prior else { return Ok(kept(all)) };
+    // In a mesh of another frame or place, or in one without colours, all light would be wrong.
+    let misplaced: f64 = tried
+        .iter()
+        .map(|&index| &all[index].source)
+        .filter(|source| !source.is_bright)
+        .map(|source| luminance(source.hidden))
+        .sum();
+    if misplaced > MISPLACED * hidden {
+        tried.iter().for_each(|&index| all[index].verdict = Verdict::Misplaced);
+        return Ok(kept(all));
+    }
     let pairs: Vec<_> = if tried.is_empty() || shading.points.is_empty() {
         Vec::new()
     } else {
@@ -151,7 +174,7 @@ pub(super) fn fit(given: &Given<'_>, prior: Option<&Prior>, cx: &Context) -> Res
             [0, 1, 2].map(|c| source.hidden[c].max(DIMMEST * source.shown[c]).max(1e-9))
         })
         .collect();
-    let found = estimate(&observed, &predicted, prior);
+    let found = estimate(observed, &predicted, prior);
     cx.check()?;
     let verdict = judge(&found);
     let [constant, before, after] = [0, 1, 2].map(|index| found.costs[index].iter().sum::<f64>());
@@ -237,6 +260,7 @@ fn observe(
         pairs,
         groups: Vec::with_capacity(points.len()),
         group_count: 0,
+        parts: Vec::with_capacity(points.len()),
     };
     for (shown, by_emitter) in tiles.into_iter().flatten() {
         observed.shown.push(shown);
@@ -250,5 +274,13 @@ fn observe(
         observed.groups.push(*numbers.entry((cell, side)).or_insert(next));
     }
     observed.group_count = numbers.len();
+    // Quarters around the point of capture.
+    let origin = place.local(given.origin);
+    let [right, forward, _] = axes(given.env.up);
+    for point in points {
+        let away = point.position - origin;
+        let [x, y] = [right, forward].map(|axis| u32::from(away.dot(axis) > 0.0));
+        observed.parts.push(2 * x + y);
+    }
     Ok(observed)
 }
