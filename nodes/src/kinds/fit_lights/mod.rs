@@ -50,8 +50,8 @@ engine::params! {
     /// hidden light in red, green and blue is estimated. The prediction is the prior, with a standard deviation of
     /// `prior_stops` for each emitter and of 0.6 times this value for their sum. The report states a standard error
     /// for each. The light is unchanged if the estimate does not explain the colours clearly better than constant
-    /// light and better than the prediction. The overall scale follows from the known light; in a place that reflects
-    /// little light, it is that of the prediction.
+    /// light and better than the prediction, or if the mesh is dark where the panorama shows the lights. The overall
+    /// scale follows from the known light; in a place that reflects little light, it is that of the prediction.
     pub struct FitLights {
         /// Number of surface points to compare.
         points: u32 = 12000, range(200, 200000), other("400"), inert("the panorama of the test graph is not clipped above the horizon");
@@ -59,12 +59,12 @@ engine::params! {
         /// in open places reduce it by 0.1 to 0.3; a sun found by chance reduces it by less than 0.01.
         min_gain: f64 = 0.03, range(0.0, 1.0), other("0.9"), inert("the light of the test graph has no sun at either value");
         /// True to correct the strength and colour of the emitters; `false` only searches for the sun.
-        strengths: bool = true, other("false"), inert("the test graph has too few surface points");
+        strengths: bool = true, other("false"), inert("the panorama of the test graph is not clipped");
         /// Standard deviation of the predicted hidden light of an emitter. The more certain the prediction, the less
         /// the shading of the place can change it.
-        prior_stops: f64 = 1.5, range(0.05, 6.0), unit("stops"), other("0.1"), inert("the test graph has too few surface points");
+        prior_stops: f64 = 1.5, range(0.05, 6.0), unit("stops"), other("0.1"), inert("the panorama of the test graph is not clipped");
         /// Standard deviation of one channel of this light, compared with the other channels.
-        prior_colour_stops: f64 = 0.7, range(0.05, 6.0), unit("stops"), other("0.1"), inert("the test graph has too few surface points");
+        prior_colour_stops: f64 = 0.7, range(0.05, 6.0), unit("stops"), other("0.1"), inert("the panorama of the test graph is not clipped");
     }
 }
 
