@@ -66,7 +66,7 @@ impl Verdict {
             }
             Self::Off => "kept: `strengths` is false",
             Self::Misplaced => {
-                "kept: the mesh is dark where the panorama shows its lights; check that both are in the same frame"
+                "kept: the mesh is dark where the panorama shows this light; it lacks the lamp, or is in another frame"
             }
             Self::Unexplained => "kept: the colours of the place do not show the shading of these lights",
             Self::Agrees => "kept: the colours of the place agree with the prediction",
@@ -144,7 +144,7 @@ pub(super) fn fit(given: &Given<'_>, prior: Option<&Prior>, cx: &Context) -> Res
     };
     let mut tried: Vec<usize> = Vec::new();
     for one in all.iter_mut().filter(strong).take(MOST) {
-        one.verdict = Verdict::NothingToCompare;
+        one.verdict = if one.source.is_bright { Verdict::NothingToCompare } else { Verdict::Misplaced };
         tried.push(one.emitter);
     }
     // In a mesh of another frame or place, or in one without colours, all light would be wrong.
@@ -182,13 +182,16 @@ pub(super) fn fit(given: &Given<'_>, prior: Option<&Prior>, cx: &Context) -> Res
         let one = &mut all[index];
         let error = (found.error_stops[place].powi(2) + SYSTEMATIC * SYSTEMATIC).sqrt();
         let informed = error < INFORMED * found.prior_stops[place];
-        one.error_stops = Some([error, found.prior_stops[place]]);
-        one.verdict = match verdict {
-            Verdict::Fitted if !informed => Verdict::Uninformed,
-            verdict => verdict,
-        };
-        if verdict == Verdict::Fitted {
-            one.flux = found.fluxes[place];
+        // An emitter whose place is wrong only absorbs the light that the others do not explain.
+        if one.verdict != Verdict::Misplaced {
+            one.error_stops = Some([error, found.prior_stops[place]]);
+            one.verdict = match verdict {
+                Verdict::Fitted if !informed => Verdict::Uninformed,
+                verdict => verdict,
+            };
+            if verdict == Verdict::Fitted {
+                one.flux = found.fluxes[place];
+            }
         }
     }
     let accepted = all.iter().any(|one| one.verdict == Verdict::Fitted);
