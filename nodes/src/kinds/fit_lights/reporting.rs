@@ -3,12 +3,17 @@
 use engine::Notes;
 
 use super::sources::Kind;
-use super::strengths::{Strengths, Verdict as Outcome};
+use super::strengths::{Fitted, Strengths, Verdict as Outcome};
 use super::sun::{RIVAL_DEG, Sun, Verdict};
 use crate::light::emitters::Emitters;
 use crate::light::measure::{angles_deg, luminance};
 use crate::math::num;
 use crate::types::{Cell, Environment, Report, Table};
+
+/// True for emitters that were compared with the place, and for those that its mesh lacks.
+fn was_tried(one: &Fitted) -> bool {
+    one.error_stops.is_some() || one.verdict == Outcome::Misplaced
+}
 
 /// Notes that say which emitters were fitted.
 pub(super) fn decide(strengths: &Strengths, notes: &mut Notes) {
@@ -23,7 +28,7 @@ pub(super) fn decide(strengths: &Strengths, notes: &mut Notes) {
             "emitters",
             format!("the shading of the place corrected the light of some emitters (count: {fitted}){text}"),
         );
-    } else if let Some(one) = strengths.emitters.iter().find(|one| one.error_stops.is_some()) {
+    } else if let Some(one) = strengths.emitters.iter().find(|one| was_tried(one)) {
         notes.decision(
             "emitters-kept",
             format!("the emitters keep their predicted light: {}", one.verdict.text()),
