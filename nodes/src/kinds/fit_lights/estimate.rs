@@ -141,7 +141,7 @@ struct Normal {
 impl Normal {
     fn of(observed: &Observed, only: Option<u32>, unknown: &[f64], spread: f64) -> Self {
         let (lights, shares) = observed.lights(unknown);
-        let (count, parts) = (unknown.len(), shares.len());
+        let count = unknown.len();
         let mut matrix = Matrix::zero(count);
         let mut by_group = vec![vec![0.0; count]; observed.group_count];
         let mut row = vec![0.0; count];
@@ -153,16 +153,14 @@ impl Normal {
             let fit = spread * spread / (spread * spread + mean_square(r));
             let weight = fit * fit;
             let [a, b] = pair.map(|point| point as usize);
-            for index in 0..parts {
-                for channel in 0..3 {
-                    row[3 * index + channel] = shares[index][a][channel] - shares[index][b][channel];
-                }
+            for (row, shares) in row.chunks_exact_mut(3).zip(&shares) {
+                row.iter_mut().enumerate().for_each(|(c, value)| *value = shares[a][c] - shares[b][c]);
             }
             let group = &mut by_group[observed.groups[a] as usize];
-            for i in 0..count {
-                group[i] += weight * row[i] * r[i % 3];
+            for (i, (sum, value)) in group.iter_mut().zip(&row).enumerate() {
+                *sum += weight * value * r[i % 3];
                 for j in (i % 3..=i).step_by(3) {
-                    matrix.add(i, j, weight * row[i] * row[j]);
+                    matrix.add(i, j, weight * value * row[j]);
                 }
             }
         }
@@ -245,10 +243,11 @@ impl<'a> Fit<'a> {
 
     /// Adds the assumptions to the equations: each emitter by itself, and all together.
     fn assume(&self, unknown: &[f64], matrix: &mut Matrix, gradient: &mut [f64]) {
-        for i in 0..unknown.len() {
-            for j in 0..unknown.len() {
+        let off: Vec<f64> = unknown.iter().zip(&self.start).map(|(now, start)| now - start).collect();
+        for (i, gradient) in gradient.iter_mut().enumerate() {
+            for (j, off) in off.iter().enumerate() {
                 matrix.add(i, j, self.precision.at(i, j));
-                gradient[i] -= self.precision.at(i, j) * (unknown[j] - self.start[j]);
+                *gradient -= self.precision.at(i, j) * off;
             }
         }
         let sum = |fluxes: &[[f64; 3]]| fluxes.iter().map(|flux| luminance(*flux)).sum::<f64>();

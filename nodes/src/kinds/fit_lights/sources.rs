@@ -91,10 +91,9 @@ impl Source {
         for &at in &emitter.texels {
             let ((_, solid_angle), (displayed, more)) = (emitters::texel(env, at), split(env, at));
             let rgb = emitters::radiance(env, at);
-            for channel in 0..3 {
-                shown[channel] += displayed[channel] * solid_angle;
-                hidden[channel] += (rgb[channel] - displayed[channel]) * solid_angle;
-            }
+            shown.iter_mut().zip(displayed).for_each(|(sum, value)| *sum += value * solid_angle);
+            let rest = rgb.into_iter().zip(displayed).map(|(value, shown)| value - shown);
+            hidden.iter_mut().zip(rest).for_each(|(sum, value)| *sum += value * solid_angle);
             all += more * solid_angle;
         }
         let Shape { kind, facing, distance, extent, is_bright } = shape(env, emitter, place, origin);

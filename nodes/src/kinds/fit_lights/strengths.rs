@@ -240,10 +240,9 @@ fn observe(
             for one in all {
                 let (displayed, hidden) = one.source.light(from, point.normal, place);
                 let fitted = tried.iter().position(|&index| index == one.emitter);
-                for channel in 0..3 {
-                    let fixed = if fitted.is_none() { hidden * one.source.hidden[channel] } else { 0.0 };
-                    shown[channel] += displayed[channel] + fixed;
-                }
+                let fixed = if fitted.is_none() { hidden } else { 0.0 };
+                let light = displayed.into_iter().zip(one.source.hidden).map(|(d, flux)| d + fixed * flux);
+                shown.iter_mut().zip(light).for_each(|(sum, value)| *sum += value);
                 if let Some(fitted) = fitted {
                     by_emitter[fitted] = hidden;
                 }
