@@ -111,7 +111,7 @@ const LEAST: f64 = 0.005;
 /// Strength, colour and share of each emitter of the reference.
 fn emitters_table(env: &Environment, truth: &Environment) -> Table {
     let found = emitters::find(truth);
-    let total = measure::luminance;
+    let total = luminance;
     let (all, all_truth) = (total(emitters::total(env)), total(found.total));
     let listed = found.list.iter().zip(found.fluxes(truth)).zip(found.fluxes(env));
     let rows = listed.filter(|((_, want), _)| total(*want) >= LEAST * all_truth).take(LISTED).map(
