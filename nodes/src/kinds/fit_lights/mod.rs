@@ -45,13 +45,14 @@ engine::params! {
     /// around it gets the fitted glow in place of the predicted light. Clipped mesh colours count as openings, so the
     /// sun may shine through a window.
     ///
-    /// *Emitters* (`strengths: true`). Each region of the environment that is at least as bright as white is an emitter. It is on the mesh
-    /// where the panorama shows it, in an opening of the mesh, or infinitely far away. Of the six strongest, the
-    /// hidden light in red, green and blue is estimated. The prediction is the prior, with a standard deviation of
-    /// `prior_stops` for each emitter and of 0.6 times this value for their sum. The report states a standard error
-    /// for each. The light is unchanged if the estimate does not explain the colours clearly better than constant
-    /// light and better than the prediction, or if the mesh is dark where the panorama shows the lights. The overall
-    /// scale follows from the known light; in a place that reflects little light, it is that of the prediction.
+    /// *Emitters* (`strengths: true`). Each region of the environment that is at least as bright as white is an
+    /// emitter. It is on the mesh where the panorama shows it, in an opening of the mesh, or infinitely far away. Of
+    /// the six strongest, the hidden light in red, green and blue is estimated. The prediction is the prior, with a
+    /// standard deviation of `prior_stops` for each emitter and of 0.6 times this value for their sum. The report
+    /// states a standard error for each. The light is unchanged if the estimate does not explain the colours clearly
+    /// better than constant light and better than the prediction, or if the mesh is dark where the panorama shows the
+    /// lights. The overall scale follows from the known light; in a place that reflects little light, it is that of the
+    /// prediction.
     pub struct FitLights {
         /// Number of surface points to compare.
         points: u32 = 12000, range(200, 200000), other("400"), inert("the panorama of the test graph is not clipped above the horizon");

@@ -284,7 +284,8 @@ fn errors(env: &Environment, truth: &Environment, emitters: &Emitters) -> Vec<[f
 
 fn fitted(mesh: Mesh, env: Environment) -> (Out, Notes) {
     let inputs = In { env: Arc::new(env), receiver: Arc::new(mesh), splats: None };
-    FitLights::run(&FitLights { points: 6000, strengths: true, ..FitLights::default() }, inputs, &context()).expect("runs")
+    FitLights::run(&FitLights { points: 6000, strengths: true, ..FitLights::default() }, inputs, &context())
+        .expect("runs")
 }
 
 fn verdicts(out: &Out) -> Vec<String> {
