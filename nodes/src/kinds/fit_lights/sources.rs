@@ -175,8 +175,18 @@ impl Source {
     }
 }
 
-/// Kind of an emitter, its normal if it is flat, its distance, and the radius of its surface.
-fn shape(env: &Environment, emitter: &Emitter, place: &PlaceMesh, origin: DVec3) -> (Kind, DVec3, f64, f64) {
+/// Shape of an emitter.
+struct Shape {
+    kind: Kind,
+    /// Unit normal towards the point of capture if the emitter is flat.
+    facing: DVec3,
+    distance: f64,
+    /// RMS radius of its surface, in world units.
+    extent: f64,
+    is_bright: bool,
+}
+
+fn shape(env: &Environment, emitter: &Emitter, place: &PlaceMesh, origin: DVec3) -> Shape {
     let step = emitter.texels.len().div_ceil(PROBES).max(1);
     let rays = |texels: &mut dyn Iterator<Item = usize>| {
         let mut met: Vec<(DVec3, DVec3)> = Vec::new();
