@@ -119,7 +119,7 @@ fn paths_that_touch_nothing_change_nothing() {
             let start = ray.origin + ray.direction * hit.t;
             let sampling = ChangeSampling {
                 drawn: &[],
-                arriving: None,
+                known: None,
                 probability: 1.0,
                 start,
                 objects: [low, high],

@@ -93,8 +93,8 @@ impl<'a> Integrator<'a> {
     fn lit_by_receiver(&mut self, near: &NearFieldLight<'a>, at: &ShadingPoint) -> Vec3 {
         let (surface, lights) = (&at.surface, near_lights(at));
         let own;
-        let samples = match self.pass.arriving.filter(|_| at.is_first()) {
-            Some(arriving) => arriving,
+        let samples = match self.pass.known.filter(|_| at.is_first()) {
+            Some(known) => &known.arriving,
             None => {
                 own = self.near_samples(near, at);
                 &own

@@ -9,6 +9,7 @@
 use glam::Vec3;
 
 use super::direct_light::{NEAR_LIGHTS, power_heuristic};
+use super::first_vertex::FirstVertex;
 use super::integrator::{Scene, russian_roulette};
 use super::near_draws::{NearDraws, NearSamples};
 use super::near_field::NearFieldLight;
@@ -54,6 +55,10 @@ pub(crate) struct ReceiverPaths<'a> {
     /// Samples of near light.
     near: Option<(NearFieldLight<'a>, NearDraws<'a>)>,
     found: Vec<Vec3>,
+    /// First vertices of the paths under near light.
+    firsts: Vec<FirstVertex>,
+    /// True if only the first vertices are wanted, without the light.
+    firsts_only: bool,
     /// Numbers of rays cast.
     pub(crate) rays: Rays,
 }
@@ -89,6 +94,8 @@ impl<'a> ReceiverPaths<'a> {
             wanted: Vec::new(),
             near,
             found: Vec::new(),
+            firsts: Vec::new(),
+            firsts_only: false,
             rays: Rays::default(),
         }
     }
@@ -113,7 +120,34 @@ impl<'a> ReceiverPaths<'a> {
 
     /// Radiance along the camera ray of each path, in the order of [`push`](Self::push). Empties the batch.
     pub(crate) fn radiance(&mut self) -> &[Vec3] {
-        for bounce in 0..=self.scene.rules.max_bounces {
+        self.advance(self.scene.rules.max_bounces);
+        self.found.clear();
+        self.found.extend(self.paths.iter().map(|path| path.light));
+        for (first, light) in self.firsts.iter_mut().zip(&self.found) {
+            first.light = Some(*light);
+        }
+        self.clear();
+        &self.found
+    }
+
+    /// First vertices of the paths that were traced last, under near light.
+    pub(crate) fn firsts(&self) -> &[FirstVertex] {
+        &self.firsts
+    }
+
+    /// First vertices of the paths under near light, whose light is not computed. Empties the batch.
+    pub(crate) fn only_firsts(&mut self) -> &[FirstVertex] {
+        self.firsts_only = true;
+        self.advance(0);
+        self.firsts_only = false;
+        self.clear();
+        &self.firsts
+    }
+
+    /// Advances the paths until they end, at the latest after `bounces` scatterings.
+    fn advance(&mut self, bounces: u32) {
+        self.firsts.clear();
+        for bounce in 0..=bounces {
             if self.alive.is_empty() {
                 break;
             }
@@ -127,13 +161,13 @@ impl<'a> ReceiverPaths<'a> {
             }
             self.alive = alive;
         }
-        self.found.clear();
-        self.found.extend(self.paths.iter().map(|path| path.light));
+    }
+
+    fn clear(&mut self) {
         self.paths.clear();
         self.alive.clear();
         self.lights.clear();
         self.ends.clear();
-        &self.found
     }
 
     /// Draws one light sample for the current vertex of each path under distant light.
@@ -214,13 +248,14 @@ impl<'a> ReceiverPaths<'a> {
         draws.draw();
         self.rays.shadow += u64::from(lights) * alive.len() as u64;
         let (scene, rules) = (self.scene, self.scene.rules);
+        let (firsts, lit_too) = (&mut self.firsts, !self.firsts_only);
         let mut vertex = 0;
         alive.retain(|&index| {
             let path = &mut self.paths[index];
             let (samples, sampling): (NearSamples, _) = (draws.of(vertex), draws.sampling(vertex));
             vertex += 1;
             let mut lit = Vec3::ZERO;
-            for (light, place) in samples.iter().flatten() {
+            for (light, place) in samples.iter().flatten().filter(|_| lit_too) {
                 let scatter = path.matte.eval(light.direction);
                 if light.radiance == Vec3::ZERO || scatter.value == Vec3::ZERO {
                     continue;
@@ -233,12 +268,22 @@ impl<'a> ReceiverPaths<'a> {
                 }
             }
             path.light += rules.clamped(bounce, path.throughput * lit);
+            let mut keep = |landed, found| {
+                if bounce == 0 {
+                    firsts.push(FirstVertex { arriving: samples, landed, found, light: None });
+                }
+            };
             let sampled = path.matte.sample(&path.points, first_pair(bounce) + 1);
-            let Some((direction, scatter)) = sampled else { return false };
+            let Some((direction, scatter)) = sampled else {
+                keep(None, None);
+                return false;
+            };
             let (ray, weight) = (path.spawn_ray(direction), scatter.value / scatter.pdf);
             self.rays.scattered += 2;
             let landed = scene.receiver.bvh.closest(ray, |_| true);
-            if let Some((light, _)) = near.eval(ray, sampling, landed.as_ref(), 0.0) {
+            let found = near.eval(ray, sampling, landed.as_ref(), 0.0);
+            keep(landed, found);
+            if let Some((light, _)) = found {
                 let arrived = light.radiance * power_heuristic(scatter.pdf, lights as f32 * light.pdf);
                 path.light += rules.clamped(bounce, path.throughput * weight * arrived);
                 return false;

@@ -1,5 +1,6 @@
 //! Tracing of images in stored parts: the receiver alone, receiver and objects, and first hits.
 
+use std::cell::Cell;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, OnceLock};
 
@@ -12,11 +13,13 @@ use super::crop::Crop;
 use super::film::FIRST_HIT;
 use super::film::PAIR;
 use super::film::R0;
-use super::film::{Area, Sums, TILE, chunks};
+use super::film::{Area, Sums, TILE, TileSums, chunks};
 use super::first_hit::{PLACES, trace_first_hit};
-use super::pair::{trace_pair, trace_r0};
+use super::pair::{PairTile, trace_pair};
 use super::prepared::PreparedScene;
+use super::r0::trace_r0;
 use super::sample_plan::ErrorGoal;
+use super::tile::Tile;
 use crate::render::transport::path::integrator::Scene;
 use crate::render::transport::path::light_points::LightPoints;
 use crate::render::transport::path::visibility::Rules;
@@ -160,23 +163,81 @@ impl<'a> Tracing<'a> {
         step: &(dyn Fn() + Send + Sync),
     ) -> Result<(), NodeError> {
         let (cx, camera) = (self.cx, camera_rays.camera);
+        let ahead = Cell::new(None);
         let part = Part { name: "r0", version: 11, inputs: &["receiver", "env"] };
         let r0 = cx.part(part, &self.of_receiver(camera, area, range), || {
-            let scene = self.scene();
-            Sums::trace(cx, area, R0, step, |_, tile| trace_r0(scene, camera_rays, tile, range))
+            let (r0, pair) = self.trace_both(camera_rays, (area, range), step)?;
+            ahead.set(pair);
+            Ok(r0)
         })?;
         expect_size(&r0, area, R0)?;
         let part = Part { name: "pair", version: 20, inputs: &["receiver", "objects", "env"] };
-        let pair = cx.part(part, &self.of_objects(camera, area, range, self.limit()), || {
-            let (scene, crop) = (self.scene(), self.crop().ok());
-            let trace = |number: usize, tile: &[(u32, u32)]| {
-                trace_pair(scene, camera_rays, crop, (number, tile), range, (area, &r0))
-            };
-            Sums::trace(cx, area, PAIR, step, trace)
+        let pair = cx.part(part, &self.of_objects(camera, area, range, self.limit()), || match ahead.take() {
+            Some(pair) => {
+                pair.count(cx);
+                Ok(pair)
+            }
+            None => self.trace_with(camera_rays, (area, range), &r0, step),
         })?;
         expect_size(&pair, area, PAIR)?;
         accumulator.add(area, &r0, &pair, range);
         Ok(())
+    }
+
+    /// Traces the receiver alone and the receiver with the objects together, since both cast the same camera rays
+    /// and, under near light, the same rays at the first vertex. The second result is not counted yet. It is `None`
+    /// if there are no objects.
+    fn trace_both(
+        &self,
+        camera_rays: &CameraRays<'_>,
+        (area, range): (Area, Range),
+        step: &(dyn Fn() + Send + Sync),
+    ) -> Result<(Sums, Option<Sums>), NodeError> {
+        let (cx, scene, each) = (self.cx, self.scene(), (range.1 - range.0) as usize);
+        let receiver = |pixels: &[(u32, u32)], followed| {
+            let mut rest = None;
+            let r0 = TileSums::followed(followed, || {
+                let tile = Tile::new(scene, camera_rays, pixels, range);
+                let (r0, firsts) = trace_r0(scene, &tile, each);
+                rest = Some((tile, firsts));
+                r0
+            });
+            step();
+            (r0, rest)
+        };
+        if self.objects.is_empty() {
+            let [r0] = Sums::trace_each(cx, area, [R0], |_, pixels, followed| [receiver(pixels, followed).0])?;
+            r0.count(cx);
+            return Ok((r0, None));
+        }
+        let crop = self.crop().ok();
+        let [r0, pair] = Sums::trace_each(cx, area, [R0, PAIR], |_, pixels, followed| {
+            let (r0, rest) = receiver(pixels, followed);
+            let pair = TileSums::followed(followed, || {
+                let tile = PairTile { pixels, range, r0: &r0.sums, bounds: r0.bounds.unwrap_or_default() };
+                trace_pair(scene, camera_rays, crop, &tile, rest)
+            });
+            step();
+            [r0, pair]
+        })?;
+        r0.count(cx);
+        Ok((r0, Some(pair)))
+    }
+
+    /// Traces the receiver with the objects, given the sums without them.
+    fn trace_with(
+        &self,
+        camera_rays: &CameraRays<'_>,
+        (area, range): (Area, Range),
+        r0: &Sums,
+        step: &(dyn Fn() + Send + Sync),
+    ) -> Result<Sums, NodeError> {
+        let (scene, crop) = (self.scene(), self.crop().ok());
+        Sums::trace(self.cx, area, PAIR, step, |number, pixels| {
+            let bounds = r0.tile_bounds.get(number).copied().unwrap_or_default();
+            let tile = PairTile { pixels, range, r0: &r0.of_pixels(area, pixels), bounds };
+            trace_pair(scene, camera_rays, crop, &tile, None)
+        })
     }
 
     /// First hits of the pixels of an image.
