@@ -146,7 +146,7 @@ impl<'a> Integrator<'a> {
         let towards = if lamps { towards(sampling) } else { Towards::NOWHERE };
         let known = sampling.known;
         let pass = Pass { lift: sampling.lift, towards, known, ..self.pass };
-        if !lamps {
+        if known.is_none() && !lamps {
             // Most paths touch no object, which takes fewer rays to find out than the light.
             self.with(Pass { touch_only: true, ..pass }, |own| own.radiance(Vertex::Receiver(hit), ray));
             if !self.tally.touched {

@@ -11,7 +11,7 @@ use glam::Vec3;
 use super::direct_light::{NEAR_LIGHTS, power_heuristic};
 use super::first_vertex::FirstVertex;
 use super::integrator::{Scene, russian_roulette};
-use super::near_draws::{NearDraws, NearSamples};
+use super::near_draws::{MOST, NearDraws, NearSamples};
 use super::near_field::NearFieldLight;
 use super::path::first_pair;
 use super::rays::Rays;
@@ -57,8 +57,6 @@ pub(crate) struct ReceiverPaths<'a> {
     found: Vec<Vec3>,
     /// First vertices of the paths under near light.
     firsts: Vec<FirstVertex>,
-    /// True if only the first vertices are wanted, without the light.
-    firsts_only: bool,
     /// Numbers of rays cast.
     pub(crate) rays: Rays,
 }
@@ -95,7 +93,6 @@ impl<'a> ReceiverPaths<'a> {
             near,
             found: Vec::new(),
             firsts: Vec::new(),
-            firsts_only: false,
             rays: Rays::default(),
         }
     }
@@ -135,11 +132,18 @@ impl<'a> ReceiverPaths<'a> {
         &self.firsts
     }
 
-    /// First vertices of the paths under near light, whose light is not computed. Empties the batch.
+    /// First vertices of the paths under near light. Paths that go on are not traced to their ends. Empties the
+    /// batch.
     pub(crate) fn only_firsts(&mut self) -> &[FirstVertex] {
-        self.firsts_only = true;
         self.advance(0);
-        self.firsts_only = false;
+        for (first, path) in self.firsts.iter_mut().zip(&self.paths) {
+            first.light = Some(path.light);
+        }
+        if self.scene.rules.max_bounces > 0 {
+            for &index in &self.alive {
+                self.firsts[index].light = None;
+            }
+        }
         self.clear();
         &self.firsts
     }
@@ -248,14 +252,15 @@ impl<'a> ReceiverPaths<'a> {
         draws.draw();
         self.rays.shadow += u64::from(lights) * alive.len() as u64;
         let (scene, rules) = (self.scene, self.scene.rules);
-        let (firsts, lit_too) = (&mut self.firsts, !self.firsts_only);
+        let firsts = &mut self.firsts;
         let mut vertex = 0;
         alive.retain(|&index| {
             let path = &mut self.paths[index];
             let (samples, sampling): (NearSamples, _) = (draws.of(vertex), draws.sampling(vertex));
             vertex += 1;
-            let mut lit = Vec3::ZERO;
-            for (light, place) in samples.iter().flatten().filter(|_| lit_too) {
+            let (mut lit, mut parts) = (Vec3::ZERO, [Vec3::ZERO; MOST]);
+            for (part, sample) in parts.iter_mut().zip(&samples) {
+                let Some((light, place)) = sample else { continue };
                 let scatter = path.matte.eval(light.direction);
                 if light.radiance == Vec3::ZERO || scatter.value == Vec3::ZERO {
                     continue;
@@ -264,13 +269,14 @@ impl<'a> ReceiverPaths<'a> {
                 self.rays.shadow += 1;
                 if near.reaches(ray, place.as_ref()) {
                     let arrived = scatter.value * power_heuristic(light.pdf, scatter.pdf);
-                    lit += arrived * light.radiance / light.pdf;
+                    *part = arrived * light.radiance / light.pdf;
+                    lit += *part;
                 }
             }
             path.light += rules.clamped(bounce, path.throughput * lit);
             let mut keep = |landed, found| {
                 if bounce == 0 {
-                    firsts.push(FirstVertex { arriving: samples, landed, found, light: None });
+                    firsts.push(FirstVertex { arriving: samples, lit: parts, landed, found, light: None });
                 }
             };
             let sampled = path.matte.sample(&path.points, first_pair(bounce) + 1);

@@ -109,8 +109,7 @@ pub(crate) fn trace_pair(
             let known = firsts.next();
             let mut integrator = Integrator::new(scene, sample.key, Pass::new(sample.points, true));
             let lift = ray.direction * shift;
-            let reach =
-                ChangeSampling { drawn, known, probability, start, objects: [low, high], rays, lift };
+            let reach = ChangeSampling { drawn, known, probability, start, objects: [low, high], rays, lift };
             let light = integrator.change(hit, ray, &reach);
             sums_of_tile.rays += integrator.tally.rays;
             touched |= light != Vec3::ZERO;

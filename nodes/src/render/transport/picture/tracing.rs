@@ -171,14 +171,15 @@ impl<'a> Tracing<'a> {
             Ok(r0)
         })?;
         expect_size(&r0, area, R0)?;
-        let part = Part { name: "pair", version: 20, inputs: &["receiver", "objects", "env"] };
-        let pair = cx.part(part, &self.of_objects(camera, area, range, self.limit()), || match ahead.take() {
-            Some(pair) => {
-                pair.count(cx);
-                Ok(pair)
-            }
-            None => self.trace_with(camera_rays, (area, range), &r0, step),
-        })?;
+        let part = Part { name: "pair", version: 21, inputs: &["receiver", "objects", "env"] };
+        let pair =
+            cx.part(part, &self.of_objects(camera, area, range, self.limit()), || match ahead.take() {
+                Some(pair) => {
+                    pair.count(cx);
+                    Ok(pair)
+                }
+                None => self.trace_with(camera_rays, (area, range), &r0, step),
+            })?;
         expect_size(&pair, area, PAIR)?;
         accumulator.add(area, &r0, &pair, range);
         Ok(())
@@ -206,7 +207,8 @@ impl<'a> Tracing<'a> {
             (r0, rest)
         };
         if self.objects.is_empty() {
-            let [r0] = Sums::trace_each(cx, area, [R0], |_, pixels, followed| [receiver(pixels, followed).0])?;
+            let [r0] =
+                Sums::trace_each(cx, area, [R0], |_, pixels, followed| [receiver(pixels, followed).0])?;
             r0.count(cx);
             return Ok((r0, None));
         }
