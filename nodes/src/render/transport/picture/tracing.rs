@@ -7,7 +7,7 @@ use std::sync::{Arc, OnceLock};
 use engine::{Context, NodeError, Part};
 use serde::Serialize;
 
-use super::accumulator::{Accumulator, FinishedView, finish};
+use super::accumulator::{Accumulator, FinishedView, TargetError, finish};
 use super::camera_rays::{CameraParams, CameraRays};
 use super::crop::Crop;
 use super::film::FIRST_HIT;
@@ -55,8 +55,8 @@ struct Extra<'a> {
 pub(crate) struct Settings {
     /// Maximum number of samples per pixel.
     pub(crate) most: u32,
-    /// Target standard error, if any.
-    pub(crate) max_error: Option<f64>,
+    /// Error at which a block of pixels takes no more samples. `None` takes all samples everywhere.
+    pub(crate) goal: Option<TargetError>,
     /// Side, in pixels, of the square blocks into which the image is divided. One pixel of each block is traced.
     pub(crate) coarse_px: u32,
     /// Maximum relative change of light at which a tile is cropped. 0 crops nothing.
@@ -269,7 +269,7 @@ impl<'a> Tracing<'a> {
         // Without a target error all chunks are taken.
         let chunks = chunks(most);
         let (first, share) =
-            if self.settings.max_error.is_some() { (&chunks[..1], 0.1) } else { (&chunks[..], 1.0) };
+            if self.settings.goal.is_some() { (&chunks[..1], 0.1) } else { (&chunks[..], 1.0) };
         let cameras = self.cameras.len() as f32;
         let progress = |done: f32| self.cx.progress((number as f32 + done) / cameras);
         let (done, total) = (AtomicUsize::new(0), 2 * first.len() * whole.pieces(TILE).len());
@@ -279,7 +279,7 @@ impl<'a> Tracing<'a> {
         for &range in first {
             self.add(&camera_rays, &mut accumulator, (whole, range), &step)?;
         }
-        let goal = self.settings.max_error.map(|asked| ErrorGoal::new(asked, most, &accumulator));
+        let goal = self.settings.goal.map(|asked| ErrorGoal::new(asked, most, &accumulator));
         let more = |accumulator: &mut Accumulator, area, range| {
             self.add(&camera_rays, accumulator, (area, range), &|| ())
         };
