@@ -27,7 +27,7 @@ const RAYS: f32 = 1.0;
 pub struct ChangeSampling<'a> {
     /// Sampled directions of the part of the sky that the objects can block.
     pub drawn: &'a [DrawnDirection],
-    /// What the rays of the path without objects find at its first vertex, under near light, if they are already
+    /// Results of the rays of the path without objects at its first vertex, under near light, if they are already
     /// traced.
     pub(crate) known: Option<&'a FirstVertex>,
     /// Probability that a sample estimates the change; see [`estimates_change`].

@@ -11,7 +11,7 @@ use super::near_draws::{MOST, NearSamples};
 use super::near_field::ArrivingLight;
 use crate::geometry::bvh::Hit;
 
-/// What the rays of the first vertex of a path on the receiver alone find.
+/// Results of the rays of the first vertex of a path on the receiver alone.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct FirstVertex {
     /// Light samples.

@@ -52,7 +52,7 @@ pub struct Pass<'a> {
     pub distributions: Option<Distributions<'a>>,
     /// Light samples of the first vertex, if they are already drawn.
     pub drawn: Option<&'a [DrawnDirection]>,
-    /// What the rays of the first vertex find without the objects, under near light, if they are already traced.
+    /// Results of the rays of the first vertex without the objects, under near light, if they are already traced.
     pub(crate) known: Option<&'a FirstVertex>,
     /// True if only [`Tally::touched`] is wanted. Rays that affect only the light are not traced, the light is
     /// meaningless, and paths end when an object is touched. Used under near light.

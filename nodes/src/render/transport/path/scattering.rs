@@ -41,7 +41,7 @@ impl Scattered {
 }
 
 impl<'a> Integrator<'a> {
-    /// What the scattered ray of a vertex finds, if it is already known and the ray hits no object.
+    /// Results of the scattered ray of a vertex, if they are already known and the ray hits no object.
     fn known(&self, at: &ShadingPoint, object: Option<&Vertex>) -> Option<&'a FirstVertex> {
         self.pass.known.filter(|_| at.is_first() && object.is_none())
     }
