@@ -10,7 +10,7 @@ use crate::io::colour_range::Range;
 use crate::io::ply;
 
 /// Reads the mesh of a PLY file.
-pub(super) fn from_ply(
+pub fn from_ply(
     name: &str,
     bytes: &[u8],
     cx: &Context,
