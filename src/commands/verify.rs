@@ -79,7 +79,9 @@ impl Verify {
                     format!("unlike    {id}: its inputs differ from those in the bundle\n")
                 }
                 Verdict::NotReproducible => {
-                    format!("external  {id}: made by a program, which is not run again; its result is not verified\n")
+                    format!(
+                        "external  {id}: made by a program, which is not run again; its result is not verified\n"
+                    )
                 }
                 Verdict::Failed if stopped => continue,
                 Verdict::Failed => format!("failed    {id}\n"),
@@ -87,7 +89,8 @@ impl Verify {
             text.push_str(&line);
         }
         let equal = verified.nodes.iter().filter(|(_, verdict)| *verdict == Verdict::Equal).count();
-        let external = verified.nodes.iter().filter(|(_, verdict)| *verdict == Verdict::NotReproducible).count();
+        let external =
+            verified.nodes.iter().filter(|(_, verdict)| *verdict == Verdict::NotReproducible).count();
         let (tried, known) = (verified.nodes.len() - external, verified.known);
         let word = if stopped { "interrupted: " } else { "" };
         text.push_str(&format!(

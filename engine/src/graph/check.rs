@@ -184,7 +184,8 @@ impl<'t, 'a> Check<'t, 'a> {
     ) -> Option<Template<'a, 't>> {
         let before = self.diagnostics.len();
         if kind.runs_programs && !self.root.permits_programs() {
-            let what = format!("`{}` runs a program, which a graph from others may not do", kind.camel_name());
+            let what =
+                format!("`{}` runs a program, which a graph from others may not do", kind.camel_name());
             let mistake = Diagnostic::of(Code::RunsProgram, raw.kind_span.clone(), what);
             self.report(mistake.hint(PROGRAMS_HINT));
         }

@@ -63,9 +63,7 @@ pub(crate) fn digest_sources(
 /// values again, so the record of a node that runs one is used only together with its values.
 pub(crate) fn is_usable(graph: &Graph, index: usize, record: &Record, store: &Store) -> bool {
     let is_there = |output: &Output| !output.stored || store.has_blob(&output.digest);
-    !graph.nodes[index].kind.runs_programs
-        || graph.root.is_confined()
-        || record.outputs.iter().all(is_there)
+    !graph.nodes[index].kind.runs_programs || graph.root.is_confined() || record.outputs.iter().all(is_there)
 }
 
 /// The error of a node that runs a program and whose result is not known, in an untrusted graph.

@@ -119,7 +119,9 @@ impl Job<'_> {
                         };
                         let put = tracer.span(&graph.nodes[index].id, "store", put);
                         error = put.err().map(|error| NodeError::from(error).to_string());
-                        offer = record.filter(|_| !kind.instant && !kind.runs_programs).map(|record| (record, values));
+                        offer = record
+                            .filter(|_| !kind.instant && !kind.runs_programs)
+                            .map(|record| (record, values));
                     }
                 }
             }

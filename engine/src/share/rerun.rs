@@ -138,7 +138,8 @@ impl Recipe {
         store: &Store,
     ) -> Result<Source, RecipeError> {
         let document = self.document(name)?;
-        let runs_program = |node: &&RawNode<'_>| registry.get(node.kind).is_some_and(|kind| kind.runs_programs);
+        let runs_program =
+            |node: &&RawNode<'_>| registry.get(node.kind).is_some_and(|kind| kind.runs_programs);
         if let Some(node) = document.nodes.iter().find(runs_program) {
             return Err(RecipeError::Program(node.kind.to_owned()));
         }

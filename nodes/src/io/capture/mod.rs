@@ -6,3 +6,4 @@ pub mod distortion;
 pub mod pictures;
 pub mod points;
 pub mod raw;
+pub mod write;

@@ -15,7 +15,13 @@ pub use of_ply::from_ply;
 pub use raw::{RawMesh, WHITE};
 
 /// Drops parts that cannot be traced, and makes colours linear.
-pub fn clean(name: &str, raw: RawMesh, srgb: bool, cx: &Context, notes: &mut Notes) -> Result<Mesh, NodeError> {
+pub fn clean(
+    name: &str,
+    raw: RawMesh,
+    srgb: bool,
+    cx: &Context,
+    notes: &mut Notes,
+) -> Result<Mesh, NodeError> {
     let n = raw.positions.len();
     let range = Range::of_floats(raw.colours.as_flattened().iter().copied());
     if range.guessed {
