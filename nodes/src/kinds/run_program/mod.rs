@@ -47,9 +47,9 @@ engine::params! {
         /// The file of a mesh that the program writes, as PLY: a path in the folder `out`.
         mesh_file: Option<String> = None, other("Some(\"other-mesh.ply\")");
         /// BLAKE3 digest that the file of splats must have, in hexadecimal. A note of each run states the digest.
-        splats_digest: Option<String> = None, other("Some(\"SPLATS\")"), inert("a digest is only compared");
+        splats_digest: Option<String> = None, inert("a digest is only compared");
         /// BLAKE3 digest that the file of the mesh must have.
-        mesh_digest: Option<String> = None, other("Some(\"MESH\")"), inert("a digest is only compared");
+        mesh_digest: Option<String> = None, inert("a digest is only compared");
         /// Further files that the program reads, such as settings or weights. Their names must differ.
         files: Vec<InputFile> = Vec::new(), other("[\"env.exr\"]");
         /// Version of the program, if its file does not contain all of it: a Python script, for example, uses
