@@ -138,6 +138,26 @@ fn failures_show_the_output_of_the_program() {
     assert!(error.contains("no output `splats`"), "{error}");
 }
 
+/// `init` writes the graph for photographs without poses, with their paths. Without photographs, `check` names the
+/// folder and the responsible line.
+#[test]
+fn init_writes_the_graph_for_photographs() {
+    let place = Place::new("");
+    std::fs::create_dir_all(place.path("my photos")).unwrap();
+    std::fs::write(place.path("lamp.glb"), "").unwrap();
+    let shown = good(place.call(&["init", "new", "--photos", "my photos", "--object", "lamp.glb"]));
+    assert!(shown.contains("run new/graph.ron --only report"), "{shown}");
+    let text = std::fs::read_to_string(place.path("new/graph.ron")).unwrap();
+    assert!(text.contains("RunColmap(path: \"../my photos\", largest"), "{text}");
+    assert!(text.contains("LoadObject(path: \"../lamp.glb\")") && !text.contains("chair.glb"), "{text}");
+    let tool = ["--set", "poses.program=Some(\"./colmap\")"];
+    let error = bad(place.call(&[&["check", "new/graph.ron"], &tool[..]].concat()), 2);
+    assert!(error.contains("`./colmap` was not found"), "{error}");
+    let error = bad(place.call(&["init", "other", "--object", "lamp.glb"]), 2);
+    assert!(error.contains("--photos FOLDER"), "{error}");
+    bad(place.call(&["init", "other", "--photos", "gone", "--object", "lamp.glb"]), 2);
+}
+
 /// The poses of renders of the demo scene, by a real COLMAP: the program that the environment variable
 /// `LIGHTHARMONY_COLMAP` names, since this takes minutes.
 #[test]
