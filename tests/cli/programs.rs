@@ -109,7 +109,7 @@ fn a_graph_from_others_runs_no_program() {
 #[test]
 fn a_program_never_runs_on_another_machine() {
     let place = place();
-    let error = bad(place.call(&["action", "write", "graph.ron", "made", "action"]), 1);
+    let error = bad(place.call(&["action", "write", "graph.ron", "made", "action"]), 2);
     assert!(error.contains("not computed elsewhere") && !place.path("action").exists(), "{error}");
     let error = bad(place.call(&["export", "openjd", "graph.ron", "--out", "job"]), 2);
     assert!(error.contains("made run programs") && !place.path("job").exists(), "{error}");
@@ -129,11 +129,9 @@ fn failures_show_the_output_of_the_program() {
     std::fs::remove_file(place.path("tool.sh")).unwrap();
     let error = bad(place.call(&["check", "graph.ron"]), 2);
     assert!(error.contains("`./tool.sh` was not found"), "{error}");
-    std::fs::write(
-        place.path("graph.ron"),
-        GRAPH.replace("made.mesh", "made.splats").replace("WriteMesh(mesh", "SplatRender(splats"),
-    )
-    .unwrap();
+    let other = "RunProgram(splats: \"made.splats\", program: \"sh\", arguments: [\"{splats}\"], mesh_file: Some(\"m.ply\"))";
+    let graph = GRAPH.replace("WriteMesh(mesh: \"made.mesh\", path: \"mesh.ply\")", other);
+    std::fs::write(place.path("graph.ron"), graph).unwrap();
     let error = bad(place.call(&["check", "graph.ron"]), 2);
     assert!(error.contains("no output `splats`"), "{error}");
 }

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::ProgramError;
+use super::error::ProgramError;
 
 /// Returns the path of a program. A name with a `/` is a path relative to `folder`, the folder of the graph. Another
 /// name is searched in the folders of the environment variable `PATH`.

@@ -4,7 +4,7 @@ use std::path::{Component, Path, PathBuf};
 
 use engine::TempFolder;
 
-use super::ProgramError;
+use super::error::ProgramError;
 
 /// Name of the folder of outputs.
 const OUTPUTS: &str = "out";

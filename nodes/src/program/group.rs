@@ -8,7 +8,9 @@ use std::time::{Duration, Instant};
 
 use engine::Context;
 
-use super::{Log, ProgramError, WorkFolder};
+use super::error::ProgramError;
+use super::folder::WorkFolder;
+use super::log::Log;
 
 /// Time between two looks at a program in its first second, and later.
 const PAUSES: [Duration; 2] = [Duration::from_millis(5), Duration::from_millis(50)];

@@ -1,4 +1,4 @@
-//! What a program writes to standard output and standard error.
+//! The output of a program: standard output and standard error.
 
 use std::fs::File;
 use std::io::Read;

@@ -1,6 +1,7 @@
 //! `run-colmap`: poses and points from photographs, by an installed COLMAP.
 
 mod align;
+mod choices;
 mod model;
 mod steps;
 #[cfg(all(test, unix))]
@@ -17,31 +18,10 @@ use crate::io::capture::pictures::{Listing, listing};
 use crate::io::picture::floats_of;
 use crate::program::WorkFolder;
 use crate::types::{Photo, Photos, Report, Rig};
-use steps::Steps;
+pub use choices::{Lens, Matching};
+use steps::{Options, Steps};
 use tool::Tool;
 
-engine::choices! {
-    /// The pairs of photographs that are compared.
-    pub enum Matching {
-        /// All pairs. The time grows with the square of the number of photographs; up to some 300 it is the best choice.
-        Exhaustive,
-        /// Each photograph and the next ones in the order of their names, for the frames of a video.
-        Sequential,
-    }
-}
-engine::choices! {
-    /// The lens model that is fitted, in the names of COLMAP.
-    pub enum Lens {
-        /// One focal length and one coefficient of radial distortion, which suits most cameras and phones.
-        SimpleRadial,
-        /// Two focal lengths, and four coefficients of distortion, for wide lenses.
-        OpenCv,
-        /// A fisheye lens.
-        OpenCvFisheye,
-        /// No distortion, for photographs that are undistorted already.
-        Pinhole,
-    }
-}
 engine::choices! {
     /// The coordinates of the result.
     pub enum Alignment {
@@ -171,10 +151,16 @@ impl Kind for RunColmap {
             names.push(name.to_owned());
         }
         let tool = Tool::find(p.program.as_deref(), cx.root())?;
-        let steps = Steps { p, tool: &tool, folder: &folder, photographs: names.len(), cx };
+        let options = Options {
+            lens: p.lens,
+            matching: p.matching,
+            same_camera: p.same_camera,
+            largest_side_px: p.largest_side_px,
+        };
+        let steps = Steps { options, tool: &tool, folder: &folder, photographs: names.len(), cx };
         let version = steps.version()?;
         let chosen = steps.reconstruct()?;
-        let mut found = model::read(&folder, &steps, cx)?;
+        let mut found = model::read(&folder, cx)?;
         drop(folder);
         let mut notes = Notes::none();
         p.judge(&found, &names, chosen.others, &mut notes)?;

@@ -4,7 +4,6 @@ use std::collections::BTreeSet;
 
 use engine::{Context, NodeError, Notes};
 
-use super::steps::Steps;
 use crate::error::Error;
 use crate::io::capture::codes::{codes, of_size};
 use crate::io::capture::colmap;
@@ -42,7 +41,7 @@ impl Found {
 ///
 /// # Errors
 /// If a file is missing or damaged.
-pub fn read(folder: &WorkFolder, steps: &Steps<'_>, cx: &Context) -> Result<Found, NodeError> {
+pub fn read(folder: &WorkFolder, cx: &Context) -> Result<Found, NodeError> {
     let program = "COLMAP (undistortion)";
     let output = |file: &str| folder.output(file, program, "its other steps succeeded");
     let [cameras, images, found] =
@@ -53,8 +52,9 @@ pub fn read(folder: &WorkFolder, steps: &Steps<'_>, cx: &Context) -> Result<Foun
     let mut photos = Vec::with_capacity(raw.len());
     // What the pictures' metadata say was already said about the photographs by the program.
     let mut ignored = Notes::none();
+    let count = raw.len();
     for (index, raw) in raw.iter().enumerate() {
-        cx.progress(0.97 + 0.03 * index as f32 / steps.photographs as f32);
+        cx.progress(0.97 + 0.03 * index as f32 / count as f32);
         cx.check()?;
         if raw.distortion.as_ref().is_some_and(|bend| !(bend.pixels <= INVISIBLE_PX)) {
             return Err(

@@ -4,13 +4,22 @@ use std::ffi::OsString;
 
 use engine::{Context, NodeError};
 
+use super::choices::{Lens, Matching};
 use super::tool::Tool;
-use super::{Lens, Matching, RunColmap};
 use crate::program::{Call, ProgramError, WorkFolder, fraction_in, run};
+
+/// Settings of a reconstruction.
+#[derive(Debug, Clone, Copy)]
+pub struct Options {
+    pub lens: Lens,
+    pub matching: Matching,
+    pub same_camera: bool,
+    pub largest_side_px: u32,
+}
 
 /// A reconstruction in a folder that contains the photographs.
 pub struct Steps<'a> {
-    pub p: &'a RunColmap,
+    pub options: Options,
     pub tool: &'a Tool,
     pub folder: &'a WorkFolder,
     /// Number of photographs.
@@ -61,13 +70,13 @@ impl Steps<'_> {
     }
 
     fn features(&self) -> Result<(), NodeError> {
-        let lens = match self.p.lens {
+        let lens = match self.options.lens {
             Lens::SimpleRadial => "SIMPLE_RADIAL",
             Lens::OpenCv => "OPENCV",
             Lens::OpenCvFisheye => "OPENCV_FISHEYE",
             Lens::Pinhole => "PINHOLE",
         };
-        let same = if self.p.same_camera { "1" } else { "0" };
+        let same = if self.options.same_camera { "1" } else { "0" };
         let gpu = self.gpu_option("feature_extractor", ["FeatureExtraction", "SiftExtraction"])?;
         let program = vec![
             "feature_extractor",
@@ -86,7 +95,7 @@ impl Steps<'_> {
     }
 
     fn matches(&self) -> Result<(), NodeError> {
-        let matcher = match self.p.matching {
+        let matcher = match self.options.matching {
             Matching::Exhaustive => "exhaustive_matcher",
             Matching::Sequential => "sequential_matcher",
         };
@@ -115,7 +124,7 @@ impl Steps<'_> {
     }
 
     fn undistort(&self, model: &str) -> Result<(), NodeError> {
-        let (path, side) = (format!("sparse/{model}"), self.p.largest_side_px.to_string());
+        let (path, side) = (format!("sparse/{model}"), self.options.largest_side_px.to_string());
         let program = vec![
             "image_undistorter",
             "--image_path",
@@ -165,12 +174,12 @@ impl Steps<'_> {
         model: Option<&str>,
         span: [f32; 2],
     ) -> Result<(), NodeError> {
-        let side = self.p.largest_side_px.to_string();
+        let side = self.options.largest_side_px.to_string();
         let arguments = match self.tool {
             Tool::Program(_) => program,
             Tool::Python { .. } => {
-                let same = if self.p.same_camera { "1" } else { "0" };
-                let matching = match self.p.matching {
+                let same = if self.options.same_camera { "1" } else { "0" };
+                let matching = match self.options.matching {
                     Matching::Exhaustive => "exhaustive",
                     Matching::Sequential => "sequential",
                 };

@@ -4,12 +4,11 @@ use std::collections::BTreeSet;
 
 use engine::{Context, InputFile, NodeError};
 
-use super::{In, RunProgram};
 use crate::io::capture::write::{file_name, model, pictures};
 use crate::io::mesh::{MeshFormat, encode as encode_mesh};
 use crate::io::splats::save::{SaveFormat, encode as encode_splats};
 use crate::program::WorkFolder;
-use crate::types::Photos;
+use crate::types::{Mesh, Photos, Splats};
 
 /// The names of the copies of files.
 ///
@@ -31,19 +30,27 @@ pub fn names(files: &[InputFile]) -> Result<Vec<&str>, NodeError> {
     Ok(names)
 }
 
+/// The inputs of a program.
+pub struct Given<'a> {
+    pub photos: Option<&'a Photos>,
+    pub splats: Option<&'a Splats>,
+    pub mesh: Option<&'a Mesh>,
+    pub files: &'a [InputFile],
+}
+
 /// Writes the inputs that are connected, and the files.
-pub fn write(p: &RunProgram, inputs: &In, folder: &WorkFolder, cx: &Context) -> Result<(), NodeError> {
-    if let Some(photos) = &inputs.photos {
+pub fn write(given: &Given<'_>, folder: &WorkFolder, cx: &Context) -> Result<(), NodeError> {
+    if let Some(photos) = given.photos {
         write_photos(photos, folder, cx)?;
     }
-    if let Some(splats) = &inputs.splats {
+    if let Some(splats) = given.splats {
         folder.write("splats.ply", &encode_splats(splats, SaveFormat::Ply, None, cx)?.0)?;
     }
-    if let Some(mesh) = &inputs.mesh {
+    if let Some(mesh) = given.mesh {
         folder.write("mesh.ply", &encode_mesh(mesh, MeshFormat::Ply, None))?;
     }
     folder.create("files")?;
-    for (file, name) in p.files.iter().zip(names(&p.files)?) {
+    for (file, name) in given.files.iter().zip(names(given.files)?) {
         let bytes = cx.read(file).map_err(|e| e.at("files"))?;
         folder.write(&format!("files/{name}"), &bytes)?;
     }

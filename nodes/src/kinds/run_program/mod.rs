@@ -171,7 +171,13 @@ impl Kind for RunProgram {
 
     fn run(p: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
         let folder = WorkFolder::new()?;
-        inputs::write(p, &inputs, &folder, cx)?;
+        let given = inputs::Given {
+            photos: inputs.photos.as_deref(),
+            splats: inputs.splats.as_deref(),
+            mesh: inputs.mesh.as_deref(),
+            files: &p.files,
+        };
+        inputs::write(&given, &folder, cx)?;
         drop(inputs);
         cx.progress(0.05);
         let program = find(&p.program, cx.root().folder()).map_err(missing)?;
