@@ -105,7 +105,7 @@ mod text;
 mod value;
 mod watch;
 
-pub use cache::{Change, Digest, DigestWriter, Manifest, Store};
+pub use cache::{Change, Digest, DigestWriter, Error as CacheError, Manifest, Store, TempFolder};
 pub use graph::columns::{ColumnEntry, Columns};
 pub use graph::graph::Graph;
 pub use graph::knobs::GraphKnob;

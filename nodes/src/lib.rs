@@ -3,7 +3,7 @@
 //! Each kind is one file in [`kinds`] (a folder if it is large) with its documentation, parameters, ports, code and
 //! unit tests, and one line in the table of this file. The other modules contain code that kinds share. A file
 //! imports only from its own module and from those after it in this list: `kinds`, [`train`], [`render`],
-//! [`geometry`], [`light`], [`io`], [`types`], [`math`], [`error`].
+//! [`geometry`], [`light`], [`io`], [`types`], [`math`], [`program`], [`error`].
 
 use std::sync::OnceLock;
 
@@ -16,6 +16,7 @@ pub mod io;
 pub mod kinds;
 pub mod light;
 pub mod math;
+pub mod program;
 pub mod render;
 pub mod train;
 pub mod types;
@@ -94,6 +95,8 @@ fn built_in() -> Registry {
         KindEntry::of::<pose::PoseNode>(),
         KindEntry::of::<predict_exposure::PredictExposure>(),
         KindEntry::of::<region_masks::RegionMasks>(),
+        KindEntry::of::<run_colmap::RunColmap>(),
+        KindEntry::of::<run_program::RunProgram>(),
         KindEntry::of::<score_env::ScoreEnv>(),
         KindEntry::of::<shadow_ratio::ShadowRatio>(),
         KindEntry::of::<snap::Snap>(),

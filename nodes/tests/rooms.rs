@@ -7,7 +7,8 @@ use std::path::Path;
 mod arrows;
 
 /// Modules from the lowest to the highest. A file imports only from its own module and from lower modules.
-const ROOMS: [&str; 9] = ["error", "math", "types", "io", "light", "geometry", "render", "train", "kinds"];
+const ROOMS: [&str; 10] =
+    ["error", "program", "math", "types", "io", "light", "geometry", "render", "train", "kinds"];
 
 fn folder() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))

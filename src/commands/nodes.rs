@@ -27,7 +27,18 @@ pub struct Nodes {
 /// first stage, and those whose names begin with `write-` to the last stage.
 const STAGES: [(&str, &[&str]); 7] = [
     ("load", &["demo-scene"]),
-    ("prepare", &["crop-mesh", "extract-mesh", "override-material", "plane", "train-splats"]),
+    (
+        "prepare",
+        &[
+            "crop-mesh",
+            "extract-mesh",
+            "override-material",
+            "plane",
+            "run-colmap",
+            "run-program",
+            "train-splats",
+        ],
+    ),
     ("place", &["camera", "cube-rig", "fit-probe", "pick-cameras", "place", "pose", "snap"]),
     ("light", &["fit-lights", "fuse-hdr", "predict-exposure", "score-env", "splat-panorama", "stitch"]),
     (

@@ -78,13 +78,20 @@ impl Verify {
                 Verdict::OtherInputs => {
                     format!("unlike    {id}: its inputs differ from those in the bundle\n")
                 }
+                Verdict::NotReproducible => {
+                    format!(
+                        "external  {id}: made by a program, which is not run again; its result is not verified\n"
+                    )
+                }
                 Verdict::Failed if stopped => continue,
                 Verdict::Failed => format!("failed    {id}\n"),
             };
             text.push_str(&line);
         }
         let equal = verified.nodes.iter().filter(|(_, verdict)| *verdict == Verdict::Equal).count();
-        let (tried, known) = (verified.nodes.len(), verified.known);
+        let external =
+            verified.nodes.iter().filter(|(_, verdict)| *verdict == Verdict::NotReproducible).count();
+        let (tried, known) = (verified.nodes.len() - external, verified.known);
         let word = if stopped { "interrupted: " } else { "" };
         text.push_str(&format!(
             "{word}nodes recomputed: {tried}, with bit-identical results: {equal}; nodes with results in the bundle: {known}\n"

@@ -14,6 +14,8 @@ mod messages;
 mod names;
 mod other_tools;
 mod photos;
+#[cfg(unix)]
+mod programs;
 mod reference;
 mod share;
 mod show;

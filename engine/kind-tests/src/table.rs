@@ -282,7 +282,9 @@ impl Table {
                 Ok(place) => place,
                 Err(error) => return problems.push(format!("no temporary folder: {error}")),
             };
-            for (index, node) in graph.nodes.iter().enumerate() {
+            // Nodes that run programs are computed nowhere else.
+            let portable = |node: &engine::Node| !node.kind.runs_programs;
+            for (index, node) in graph.nodes.iter().enumerate().filter(|(_, node)| portable(node)) {
                 let [folder, out] =
                     ["action", "out"].map(|name| place.path().join(format!("{index}-{name}")));
                 let done = self.engine.write_action(graph, index, &folder).and_then(|key| {
@@ -300,8 +302,9 @@ impl Table {
             let only = (0..graph.nodes.len()).collect();
             let options = RunOptions { out: place.path().to_owned(), only, ..RunOptions::default() };
             let ran = taker.run(graph, &options, |_| {}).totals.ran;
-            if ran > 0 {
-                problems.push(format!("nodes whose outputs were not taken: {ran}"));
+            let programs = graph.nodes.iter().filter(|node| !portable(node)).count();
+            if ran > programs {
+                problems.push(format!("nodes whose outputs were not taken: {}", ran - programs));
             }
             let (there, _) = self.run(&taker, graph);
             let differs = here.iter().filter(|(id, result)| there.get(*id) != Some(result));

@@ -22,7 +22,7 @@ use crate::text::include::parse_all;
 use crate::text::overlay::ambiguous;
 use crate::text::source::Source;
 use crate::text::syntax::twice;
-use crate::value::root::SourceRoot;
+use crate::value::root::{PROGRAMS_HINT, SourceRoot};
 
 impl<'t, 'a> Check<'t, 'a> {
     /// Checks all parts of the file except the nodes. Returns the scene if it is valid.
@@ -183,6 +183,12 @@ impl<'t, 'a> Check<'t, 'a> {
         reads: &mut Vec<(usize, Range<usize>)>,
     ) -> Option<Template<'a, 't>> {
         let before = self.diagnostics.len();
+        if kind.runs_programs && !self.root.permits_programs() {
+            let what =
+                format!("`{}` runs a program, which a graph from others may not do", kind.camel_name());
+            let mistake = Diagnostic::of(Code::RunsProgram, raw.kind_span.clone(), what);
+            self.report(mistake.hint(PROGRAMS_HINT));
+        }
         let former = former_fields(raw, kind);
         for (_, former) in &former {
             self.report(former.clone());

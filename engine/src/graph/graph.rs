@@ -183,6 +183,18 @@ impl Graph {
                 let place = self.place(index, error.field);
                 mistakes.push(Diagnostic::caused_by(Code::Wiring, place, error));
             }
+            for (port, wire) in node
+                .inputs
+                .iter()
+                .enumerate()
+                .flat_map(|(port, wires)| wires.iter().map(move |wire| (port, wire)))
+            {
+                let above = &self.nodes[wire.node];
+                if let Err(error) = above.step.check_output(above.kind.outputs[wire.port].name) {
+                    let place = self.place(index, Some(node.kind.inputs[port].name));
+                    mistakes.push(Diagnostic::caused_by(Code::Wiring, place, error));
+                }
+            }
         }
         let one_file =
             |node: &Arc<Node>| node.sink_path.as_ref().is_some_and(|path| !path.contains("{view}"));

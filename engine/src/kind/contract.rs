@@ -131,6 +131,12 @@ pub trait Kind: 'static {
     /// whose results may differ slightly between machines.
     const PROFILE: &'static str = "portable";
 
+    /// True if `run` starts a program that is installed on this machine, so that no other machine is expected to give
+    /// the same result. Such a node never runs in a graph from others or on another machine, its results are not
+    /// shared, and a verification does not run it again. `sources` must contain the program; see
+    /// [`SourceRoot::program`].
+    const RUNS_PROGRAMS: bool = false;
+
     /// Compiled-in data that may change without a new version, such as weights. Its digest enters the key.
     const DATA: &'static [u8] = &[];
     /// True if `run` takes microseconds for any input. A plan then runs the node to determine which nodes
@@ -182,6 +188,11 @@ pub trait Kind: 'static {
 
     /// Checks which inputs are wired, before anything runs.
     fn check_wires(_params: &Self::Params, _wired: &Wired) -> Result<(), NodeError> {
+        Ok(())
+    }
+
+    /// Checks that a node with these parameters has a value for `output`, which is wired to another node.
+    fn check_output(_params: &Self::Params, _output: &'static str) -> Result<(), NodeError> {
         Ok(())
     }
 

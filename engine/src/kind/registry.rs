@@ -21,6 +21,7 @@ pub(crate) trait Step: Send + Sync {
     fn visit(&self, visit: &mut dyn FnMut(&'static str, &dyn ParamValue));
     fn check(&self) -> Result<(), NodeError>;
     fn check_wires(&self, wired: &Wired) -> Result<(), NodeError>;
+    fn check_output(&self, output: &'static str) -> Result<(), NodeError>;
     fn views(&self, root: &SourceRoot) -> Result<ViewCount, NodeError>;
     fn sources(&self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError>;
     fn estimate(&self, inputs: Vec<Vec<AnyArtifact>>) -> Result<Cost, NodeError>;
@@ -44,6 +45,9 @@ impl<K: Kind> Step for StepOf<K> {
     }
     fn check_wires(&self, wired: &Wired) -> Result<(), NodeError> {
         guarded(|| K::check_wires(&self.0, wired))
+    }
+    fn check_output(&self, output: &'static str) -> Result<(), NodeError> {
+        guarded(|| K::check_output(&self.0, output))
     }
     fn views(&self, root: &SourceRoot) -> Result<ViewCount, NodeError> {
         guarded(|| Ok(K::views(&self.0, root)))
@@ -105,6 +109,8 @@ pub struct KindEntry {
     pub store: Keep,
     /// [`Kind::PROFILE`].
     pub profile: &'static str,
+    /// [`Kind::RUNS_PROGRAMS`].
+    pub runs_programs: bool,
     /// [`Kind::DATA`].
     pub data: &'static [u8],
     /// [`Kind::INSTANT`].
@@ -115,7 +121,7 @@ pub struct KindEntry {
     pub(crate) folders: bool,
     /// [`Kind::SUPPLIED`].
     pub(crate) supplied: Option<&'static str>,
-    /// True if a parameter names a source file.
+    /// True if a parameter names a source file, or if the kind runs programs, which are sources as well.
     pub(crate) reads_files: bool,
     /// [`Kind::former`].
     pub(crate) former: FormerField,
@@ -130,13 +136,14 @@ impl KindEntry {
             name: K::NAME,
             version: K::VERSION,
             doc: K::Params::DOC,
-            reads_files: params.iter().any(|param| param.role == Role::Input),
+            reads_files: K::RUNS_PROGRAMS || params.iter().any(|param| param.role == Role::Input),
             params,
             inputs: K::In::ports(),
             outputs: K::Out::ports(),
             reads: K::READS,
             store: K::STORE,
             profile: K::PROFILE,
+            runs_programs: K::RUNS_PROGRAMS,
             data: K::DATA,
             instant: K::INSTANT,
             preview: K::PREVIEW,

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use cache::Digest;
 use serde::{Deserialize, Serialize};
 
 use crate::graph::graph::Graph;
@@ -9,6 +10,7 @@ use crate::plan::plan::{Fate, Outlook};
 use crate::run::engine::Engine;
 use crate::text::source::Source;
 use crate::value::error::NodeError;
+use crate::value::root::is_program;
 
 /// Version of the format of locks; raised when their fields change.
 const FORMAT: u32 = 1;
@@ -96,6 +98,12 @@ impl Engine {
 }
 
 impl Lock {
+    /// Digests of the programs that nodes run, by the names of their source files.
+    pub(crate) fn programs(&self) -> BTreeMap<String, Digest> {
+        let programs = self.inputs.iter().filter(|(name, _)| is_program(name));
+        programs.filter_map(|(name, hex)| Some((name.clone(), Digest::from_hex(hex)?))).collect()
+    }
+
     /// The text of the lock.
     pub fn text(&self) -> String {
         let pretty = ron::ser::PrettyConfig::new().struct_names(true).new_line("\n").compact_arrays(true);

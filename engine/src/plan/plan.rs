@@ -11,7 +11,7 @@ use cache::{Change, Digest, Manifest};
 use crate::graph::graph::Graph;
 use crate::graph::node::Wire;
 use crate::record::action::{
-    Action, last_outputs, last_run, look_up, manifest_before, prepare, read_sources, sizes,
+    Action, is_usable, last_outputs, last_run, look_up, manifest_before, prepare, read_sources, sizes,
 };
 use crate::record::pace::Pace;
 use crate::record::record::{Output, Record, Spent};
@@ -199,7 +199,7 @@ impl<'a> Outlook<'a> {
             Err(error) => return Fate::Fails(error.to_string()),
         };
         let key = action.digest();
-        let record = look_up(store, node, &key);
+        let record = look_up(store, node, &key).filter(|record| is_usable(graph, index, record, store));
         self.actions[index] = action;
         if let Some(record) = record {
             let gone = |output: &Output| output.stored && !store.has_blob(&output.digest);

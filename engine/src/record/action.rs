@@ -14,7 +14,7 @@ use crate::record::recipe::recipe;
 use crate::record::record::{Output, Record, Spent};
 use crate::text::source::Source;
 use crate::value::error::NodeError;
-use crate::value::root::{SourceFile, SourceRoot};
+use crate::value::root::{PROGRAMS_HINT, SourceFile, SourceRoot};
 
 /// A node whose inputs are known by digest.
 #[derive(Default)]
@@ -39,16 +39,41 @@ impl Action {
 /// Finds and digests the source files of a node.
 pub(crate) fn read_sources(graph: &Graph, index: usize, store: &Store) -> Result<Vec<ReadSource>, NodeError> {
     let node = &graph.nodes[index];
-    digest_sources(node, node.step.sources(&graph.root)?, store)
+    digest_sources(node, node.step.sources(&graph.root)?, &graph.root, store)
 }
 
 /// Digests the source files of a node.
 pub(crate) fn digest_sources(
     node: &Node,
     files: Vec<SourceFile>,
+    root: &SourceRoot,
     store: &Store,
 ) -> Result<Vec<ReadSource>, NodeError> {
-    files.into_iter().map(|file| digest_source(store, node, file)).collect()
+    let digest = |file: SourceFile| {
+        if file.is_program() && root.is_confined() {
+            let digest = root.stated_program(&file.name).ok_or_else(|| never_runs(node, root))?;
+            return Ok(ReadSource { file, digest, bytes: 0 });
+        }
+        digest_source(store, node, file)
+    };
+    files.into_iter().map(digest).collect()
+}
+
+/// True if a record in the store makes a run of the node unnecessary. A program is not expected to give the same
+/// values again, so the record of a node that runs one is used only together with its values.
+pub(crate) fn is_usable(graph: &Graph, index: usize, record: &Record, store: &Store) -> bool {
+    let is_there = |output: &Output| !output.stored || store.has_blob(&output.digest);
+    !graph.nodes[index].kind.runs_programs || graph.root.is_confined() || record.outputs.iter().all(is_there)
+}
+
+/// The error of a node that runs a program and whose result is not known, in an untrusted graph.
+pub(crate) fn never_runs(node: &Node, root: &SourceRoot) -> NodeError {
+    let why = format!("`{}` runs a program, which a graph from others may not do", node.kind.camel_name());
+    let error = NodeError::new(why);
+    if root.permits_programs() {
+        return error.hint("its values are not in the bundle; `pack --results all` includes them");
+    }
+    error.hint(PROGRAMS_HINT)
 }
 
 /// Returns the remembered digests of source files, without reading the files. `None` unless the store remembers the

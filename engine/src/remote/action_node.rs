@@ -69,6 +69,9 @@ fn known_kind<'r>(file: &ActionFile, registry: &'r Registry) -> Result<&'r Arc<K
         let found = format!("no kind `{}`", file.kind);
         return Err(ActionError::Kind { wanted: wanted(), found });
     };
+    if kind.runs_programs {
+        return Err(ActionError::Program { kind: kind.name.to_owned() });
+    }
     if (kind.version, kind.profile) != (file.version, file.profile.as_str()) {
         let found = named(kind.name, kind.version, kind.profile);
         return Err(ActionError::Kind { wanted: wanted(), found });

@@ -40,6 +40,12 @@ pub enum ActionError {
         /// The kind, version and profile of this program.
         found: String,
     },
+    /// The node runs a program that is installed on this machine, so it is never computed elsewhere.
+    #[error("`{kind}` runs a program that is installed on this machine, so it is not computed elsewhere")]
+    Program {
+        /// The kind.
+        kind: String,
+    },
     /// The action contradicts itself or its kind.
     #[error("the action is not valid: {0}")]
     Invalid(String),

@@ -11,8 +11,9 @@ use crate::graph::node::Node;
 use crate::graph::surroundings::Surroundings;
 use crate::kind::context::Context;
 use crate::kind::tiles::Threads;
-use crate::record::action::{Action, look_up};
+use crate::record::action::{Action, is_usable, look_up};
 use crate::record::pace::Pace;
+use crate::record::record::Record;
 use crate::remote::entry::Entry;
 use crate::remote::shared::SharedResults;
 use crate::run::code::{Code, Computed};
@@ -75,7 +76,8 @@ impl Job<'_> {
         let (shared, cancel) = (self.shared, self.cancel.clone());
         let (graph, threads, tracer) = (self.graph, self.threads, self.tracer.clone());
         // Another process may have held the lease before and stored the result.
-        match look_up(store, self.node(), &key).filter(|_| !self.remake) {
+        let usable = |record: &Record| !self.remake && is_usable(self.graph, index, record, store);
+        match look_up(store, self.node(), &key).filter(usable) {
             Some(record) => {
                 let (values, effort) = (Vec::new(), Effort::default());
                 finished.send(ended(Ok(Finished { record, values, effort, ran: false })));
@@ -117,7 +119,9 @@ impl Job<'_> {
                         };
                         let put = tracer.span(&graph.nodes[index].id, "store", put);
                         error = put.err().map(|error| NodeError::from(error).to_string());
-                        offer = record.filter(|_| !kind.instant).map(|record| (record, values));
+                        offer = record
+                            .filter(|_| !kind.instant && !kind.runs_programs)
+                            .map(|record| (record, values));
                     }
                 }
             }

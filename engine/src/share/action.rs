@@ -21,10 +21,13 @@ impl Engine {
     /// nodes must be known. Returns the key of the node.
     ///
     /// # Errors
-    /// If an input is not known or its value is not available, if two source files would have the same path in the
+    /// If the node runs a program, if an input is not known or its value is not available, if two source files would have the same path in the
     /// folder, or if a file cannot be read or written.
     pub fn write_action(&self, graph: &Graph, index: usize, folder: &Path) -> Result<Digest, ActionError> {
         let node = &graph.nodes[index];
+        if node.kind.runs_programs {
+            return Err(ActionError::Program { kind: node.kind.name.to_owned() });
+        }
         let unsuitable = |why: String| ActionError::Unsuitable { node: node.id.clone(), why };
         let mut outlook = Outlook::new(self, graph);
         let needed = graph.above(&[index]);

@@ -13,6 +13,11 @@ pub enum RecipeError {
     /// The graph of the recipe has mistakes.
     #[error(transparent)]
     Graph(#[from] Diagnostics),
+    /// A node runs a program, which a picture may not do.
+    #[error(
+        "the graph of the picture contains `{0}`, which runs a program, so it cannot be run from the picture; run the graph file"
+    )]
+    Program(String),
     /// Source files were not found, or several files match. Each line describes one file.
     #[error("{}", .0.join("\n"))]
     Missing(Vec<String>),

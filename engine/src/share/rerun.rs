@@ -18,7 +18,7 @@ use crate::share::pairing::{Described, recipe_differences};
 use crate::share::recipe_error::RecipeError;
 use crate::share::source_index::SourceIndex;
 use crate::text::diag::Diagnostics;
-use crate::text::document::{Document, RawField};
+use crate::text::document::{Document, RawField, RawNode};
 use crate::text::edit::replace_strings;
 use crate::text::source::Source;
 use crate::text::syntax::{FileKind, parse_part};
@@ -138,6 +138,11 @@ impl Recipe {
         store: &Store,
     ) -> Result<Source, RecipeError> {
         let document = self.document(name)?;
+        let runs_program =
+            |node: &&RawNode<'_>| registry.get(node.kind).is_some_and(|kind| kind.runs_programs);
+        if let Some(node) = document.nodes.iter().find(runs_program) {
+            return Err(RecipeError::Program(node.kind.to_owned()));
+        }
         let index = if self.sources.is_empty() { SourceIndex::default() } else { SourceIndex::of(folders)? };
         let mut missing = Vec::new();
         let mut edits = Vec::new();

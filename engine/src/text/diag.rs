@@ -39,6 +39,8 @@ pub enum Code {
     OutOfRange,
     /// Parameters that cannot be combined.
     Parameters,
+    /// A node that runs a program, in a graph from others.
+    RunsProgram,
     /// Wires that cannot be combined.
     Wiring,
     /// Nodes that depend on each other in a cycle.

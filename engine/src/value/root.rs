@@ -1,12 +1,16 @@
 //! Paths of the files that a graph reads. A trusted graph may read any path, an untrusted graph only certain
 //! folders, and an action only the files that were placed in its folder.
 
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::BufReader;
 use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
 
+use cache::Digest;
 use serde::{Deserialize, Serialize};
+
+use crate::value::error::NodeError;
 
 /// A file that a node reads.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -16,6 +20,22 @@ pub struct SourceFile {
     pub name: String,
     /// Path on this machine.
     pub path: PathBuf,
+}
+
+impl SourceFile {
+    /// True if the file is an installed program from [`SourceRoot::program`], and not a file of the graph.
+    pub fn is_program(&self) -> bool {
+        is_program(&self.name)
+    }
+}
+
+/// Advice for the user of a graph from others that runs programs.
+pub(crate) const PROGRAMS_HINT: &str =
+    "read the graph; if you trust it, unpack it, remove the file `.lightharmony-bundle` and run it again";
+
+/// True if a source file with this name is a program. No file in a bundle can have such a name.
+pub(crate) fn is_program(name: &str) -> bool {
+    name.starts_with('<') && name.ends_with('>')
 }
 
 /// A file that a node is about to read, for [`crate::Kind::estimate_files`].
@@ -46,6 +66,8 @@ impl<'a> FileHead<'a> {
 pub struct SourceRoot {
     folder: PathBuf,
     reach: Reach,
+    /// Digests of programs by the names of their source files, as stated by the lock of a bundle.
+    programs: Option<Arc<BTreeMap<String, Digest>>>,
 }
 
 /// The files that a graph may read.
@@ -61,13 +83,13 @@ enum Reach {
 impl SourceRoot {
     /// A root for a trusted graph. Paths are relative to `folder`, the folder of the graph file.
     pub fn new(folder: impl Into<PathBuf>) -> Self {
-        Self { folder: folder.into(), reach: Reach::Everything }
+        Self { folder: folder.into(), reach: Reach::Everything, programs: None }
     }
 
     /// A root for the source files of an action, which were placed in `folder` under their [`staged_name`]. No file
     /// outside `folder` is named.
     pub(crate) fn staged(folder: &Path) -> Self {
-        Self { folder: folder.to_owned(), reach: Reach::Staged(folder.into()) }
+        Self { folder: folder.to_owned(), reach: Reach::Staged(folder.into()), programs: None }
     }
 
     /// A root for an untrusted graph. No file outside `folder` and the folders in `also` is read, even if names or
@@ -81,12 +103,42 @@ impl SourceRoot {
         for other in also {
             allowed.push(other.canonicalize()?);
         }
-        Ok(Self { folder, reach: Reach::Folders(allowed.into()) })
+        Ok(Self { folder, reach: Reach::Folders(allowed.into()), programs: None })
     }
 
     /// A root with the same permissions, for paths relative to another folder.
     pub fn at(self, folder: impl Into<PathBuf>) -> Self {
         Self { folder: folder.into(), ..self }
+    }
+
+    /// Accepts nodes that run programs in an untrusted graph, with these digests of the programs. Only results of such
+    /// nodes that are already known are used; the programs never run.
+    pub(crate) fn stating_programs(self, programs: BTreeMap<String, Digest>) -> Self {
+        Self { programs: Some(Arc::new(programs)), ..self }
+    }
+
+    /// True if nodes that run programs are permitted in the graph.
+    pub(crate) fn permits_programs(&self) -> bool {
+        !self.is_confined() || self.programs.is_some()
+    }
+
+    /// The stated digest of a program.
+    pub(crate) fn stated_program(&self, name: &str) -> Option<Digest> {
+        self.programs.as_ref()?.get(name).copied()
+    }
+
+    /// The source file of an installed program, whose content identifies its version in the key of a node. `find`
+    /// returns its path; it is not called if the graph is untrusted.
+    ///
+    /// # Errors
+    /// If `find` fails, which is the case if the program is not installed.
+    pub fn program(
+        &self,
+        name: &str,
+        find: impl FnOnce() -> Result<PathBuf, NodeError>,
+    ) -> Result<SourceFile, NodeError> {
+        let path = if self.is_confined() { Path::new(OUTSIDE).join("program") } else { find()? };
+        Ok(SourceFile { name: format!("<{name}>"), path })
     }
 
     /// The folder to which paths are relative.

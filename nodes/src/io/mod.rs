@@ -2,6 +2,7 @@
 //! memory is allocated, and invalid bytes give a typed error.
 
 pub(crate) mod base64;
+pub(crate) mod capture;
 pub(crate) mod colour_range;
 pub mod cube;
 mod exif;
@@ -26,4 +27,5 @@ mod raster;
 pub mod recipe;
 pub mod source_colour;
 pub mod splats;
+pub(crate) mod surface;
 pub mod webp;

@@ -33,6 +33,8 @@ pub mod plane;
 pub mod pose;
 pub mod predict_exposure;
 pub mod region_masks;
+pub mod run_colmap;
+pub mod run_program;
 pub mod score_env;
 pub mod shadow_ratio;
 pub mod snap;

@@ -143,3 +143,50 @@ pub fn exposure_safetensors() -> Vec<u8> {
     });
     serialize(views, None).expect("names differ")
 }
+
+/// A stand-in for COLMAP, which copies the photographs and the model in the folder `model` next to it.
+pub const COLMAP: &str = "#!/bin/sh
+here=$(dirname \"$0\")
+case $1 in
+help) echo COLMAP 3.8;;
+mapper) mkdir sparse/0; cp \"$here\"/MODEL/*.bin sparse/0;;
+image_undistorter) mkdir out/sparse out/images; cp \"$here\"/MODEL/*.bin out/sparse; cp photos/* out/images;;
+esac
+";
+
+/// A stand-in for a trainer, which copies files next to it: `stand-in.sh PHOTOS OUT [OTHER]`.
+pub const TRAINER: &str = "#!/bin/sh
+here=$(dirname \"$0\")
+cp \"$here/FIRST\" \"$2/splats.ply\"
+test $# = 3 && cp \"$here/b.ply\" \"$2/splats.ply\"
+cp \"$here/b.ply\" \"$2/other.ply\"
+cp \"$here/mesh.ply\" \"$2/mesh.ply\"
+sed 's/^-2 2 3/-2 2 2/' \"$here/mesh.ply\" > \"$2/other-mesh.ply\"
+";
+
+/// A binary COLMAP model with a camera for each photograph of the fixture, side by side: `cameras`, `images` and
+/// `points3D`. `shift` moves the cameras.
+pub fn colmap_model(shift: f64) -> [Vec<u8>; 3] {
+    let mut cameras = 1_u64.to_le_bytes().to_vec();
+    cameras.extend([1_u32, 1].map(u32::to_le_bytes).as_flattened());
+    cameras.extend([48_u64, 32].map(u64::to_le_bytes).as_flattened());
+    cameras.extend([40.0_f64, 40.0, 24.0, 16.0].map(f64::to_le_bytes).as_flattened());
+    let mut images = 6_u64.to_le_bytes().to_vec();
+    for index in 0..6_u32 {
+        images.extend((index + 1).to_le_bytes());
+        let pose = [1.0, 0.0, 0.0, 0.0, -f64::from(index) - shift, 0.0, 3.0];
+        images.extend(pose.map(f64::to_le_bytes).as_flattened());
+        images.extend(1_u32.to_le_bytes());
+        images.extend(format!("capture{index:03}.png").as_bytes());
+        images.extend([0; 9]);
+    }
+    let mut points = 9_u64.to_le_bytes().to_vec();
+    for index in 0..9_u64 {
+        points.extend(index.to_le_bytes());
+        points.extend([index as f64 * 0.5, 1.5, 1.0].map(f64::to_le_bytes).as_flattened());
+        points.extend([200, 100, 50]);
+        points.extend(0.4_f64.to_le_bytes());
+        points.extend(0_u64.to_le_bytes());
+    }
+    [cameras, images, points]
+}

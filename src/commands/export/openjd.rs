@@ -39,6 +39,15 @@ impl OpenJd {
         let loaded = self.graph.load()?;
         let (graph, engine) = (&loaded.graph, self.engine.open()?);
         let targets = if loaded.only.is_empty() { graph.targets() } else { loaded.only.clone() };
+        let external = (0..graph.nodes.len()).filter(|&index| graph.nodes[index].kind.runs_programs);
+        let external: Vec<&str> = external.map(|index| graph.nodes[index].id.as_str()).collect();
+        if !external.is_empty() {
+            return Err(Error::usage(format!(
+                "{} run programs that are installed on this machine, which a farm must not run; write their results \
+                 to files (`WriteMesh`, `lightharmony convert`) and load these in the graph of the job",
+                external.join(", ")
+            )));
+        }
         let name = self.graph.graph.file_stem().map_or("graph".into(), |stem| stem.to_string_lossy());
         let cost = Cost::of(&engine, graph, &targets);
         let job = Job {

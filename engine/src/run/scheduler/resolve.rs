@@ -2,7 +2,9 @@
 
 use crate::graph::node::Wire;
 use crate::kind::context::ReadSource;
-use crate::record::action::{digest_sources, known_sources, look_up, prepare, remember};
+use crate::record::action::{
+    digest_sources, is_usable, known_sources, look_up, never_runs, prepare, remember,
+};
 use crate::record::record::{Output, Record};
 use crate::run::event::{Event, State};
 use crate::run::message::{Finished, Message, Owed};
@@ -32,7 +34,7 @@ impl Run<'_> {
         let (sender, tracer) = (self.sender.clone(), self.tracer.clone());
         self.send(index, move || {
             let owed = Owed::new(&sender, |error| Message::Sources { node: index, sources: Err(error) });
-            let read = || guarded(|| digest_sources(&graph.nodes[index], files, &engine.store));
+            let read = || guarded(|| digest_sources(&graph.nodes[index], files, &graph.root, &engine.store));
             let sources = tracer.span(&graph.nodes[index].id, "sources", read);
             owed.send(Message::Sources { node: index, sources });
         });
@@ -62,8 +64,12 @@ impl Run<'_> {
             self.slots[index].life = Life::Following;
             return;
         }
-        if let Some(record) = look_up(&self.engine.store, node, &key) {
+        let usable = |record: &Record| is_usable(self.graph, index, record, &self.engine.store);
+        if let Some(record) = look_up(&self.engine.store, node, &key).filter(usable) {
             return self.settle(index, record, State::Cached, Effort::default());
+        }
+        if node.kind.runs_programs && self.graph.root.is_confined() {
+            return self.fail(index, &never_runs(node, &self.graph.root));
         }
         if self.ask(index, key) {
             return;

@@ -22,12 +22,12 @@ use crate::value::error::NodeError;
 
 impl Run<'_> {
     /// Looks for the result of a node in the results that machines share. Returns false if no other machine shares
-    /// any, or if the node takes less time than the question.
+    /// any, if the node takes less time than the question, or if it runs a program.
     pub(super) fn ask(&mut self, index: usize, key: Digest) -> bool {
         let (engine, options) = (self.engine, self.options);
-        let Some(shared) = engine.shared.as_deref().filter(|_| !self.graph.nodes[index].kind.instant) else {
-            return false;
-        };
+        let kind = &self.graph.nodes[index].kind;
+        let asks = !kind.instant && !kind.runs_programs;
+        let Some(shared) = engine.shared.as_deref().filter(|_| asks) else { return false };
         self.slots[index].life = Life::Asking;
         self.known.begin(key);
         let (graph, sender, tracer) = (self.graph, self.sender.clone(), self.tracer.clone());
@@ -89,7 +89,8 @@ pub(super) fn may_be_available(engine: &Engine, node: &Node, output: &Output) ->
 }
 
 fn may_fetch(engine: &Engine, node: &Node) -> bool {
-    engine.shared.is_some() && node.kind.store == Keep::Always && !node.kind.instant
+    let kind = &node.kind;
+    engine.shared.is_some() && kind.store == Keep::Always && !kind.instant && !kind.runs_programs
 }
 
 /// Reads a value from the store, or fetches it from the shared results and stores it. `None` if neither has it.

@@ -10,6 +10,7 @@ use std::time::Instant;
 use cache::Digest;
 
 use crate::graph::node::Wire;
+use crate::record::action::never_runs;
 use crate::record::record::Output;
 use crate::run::event::Event;
 use crate::run::message::{Finished, Message, Owed};
@@ -124,6 +125,10 @@ impl<'a> Run<'a> {
         for &above in self.graph.reads(index) {
             self.slots[above].readers += 1;
         }
+        if self.graph.nodes[index].kind.runs_programs && self.graph.root.is_confined() {
+            let error = never_runs(&self.graph.nodes[index], &self.graph.root);
+            return self.lose(index, Some(&error));
+        }
         let id = self.graph.nodes[index].id.clone();
         (self.emit)(Event::Remake { id, reason: reason.to_owned() });
         match self.forecast(index) {
@@ -148,9 +153,12 @@ impl<'a> Run<'a> {
         let digests = |outputs: &[Output]| -> Vec<Digest> { outputs.iter().map(|o| o.digest).collect() };
         let known = self.slots[index].record.as_ref().map(|record| digests(&record.outputs));
         if known != Some(digests(&finished.record.outputs)) {
-            let error = NodeError::new("a rerun gave a different result for the same inputs").hint(
-                "a file changed while the graph was running, or the kind is not deterministic, which is a bug to report",
-            );
+            let hint = if self.graph.nodes[index].kind.runs_programs {
+                "programs may give another result each time; run again, which computes everything after it as well"
+            } else {
+                "a file changed while the graph was running, or the kind is not deterministic, which is a bug to report"
+            };
+            let error = NodeError::new("a rerun gave a different result for the same inputs").hint(hint);
             return self.lose(index, Some(&error));
         }
         self.learn(index, &finished);

@@ -15,6 +15,7 @@ use crate::share::bundle::names::{GRAPH, LOCK, wrong_name};
 use crate::text::edit::replace_strings;
 use crate::text::source::folder_of;
 use crate::value::error::NodeError;
+use crate::value::root::is_program;
 
 /// Selects the nodes whose values become part of a bundle. Digests of all known results are always included.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -71,6 +72,11 @@ impl Engine {
             let fate = outlook.fate(index);
             let own = crate::record::action::read_sources(graph, index, self.store()).map_err(refused)?;
             for source in own {
+                if source.file.is_program() {
+                    lock.inputs.insert(source.file.name.clone(), source.digest.to_string());
+                    sources[index].push(source);
+                    continue;
+                }
                 let mut moved = source.clone();
                 moved.file.name = places.name(index, &source.file.name);
                 // A folder written as `.` stays one, so that recipes do not change; the files in it lose the dot.
@@ -121,7 +127,7 @@ impl Engine {
                 _ => {}
             }
         }
-        packed.inputs = lock.inputs.len();
+        packed.inputs = lock.inputs.keys().filter(|name| !is_program(name)).count();
         parts.file(GRAPH, places.text(graph)?.into_bytes());
         parts.file(LOCK, lock.text().into_bytes());
         parts.write(to)?;

@@ -57,6 +57,8 @@ pub enum Verdict {
     },
     /// The inputs of the node differ from those in the bundle, so its outputs cannot be compared.
     OtherInputs,
+    /// The node runs a program, which is not repeated. Its results were taken from the bundle without a check.
+    NotReproducible,
     /// The node did not run.
     Failed,
 }
@@ -64,7 +66,7 @@ pub enum Verdict {
 /// The outcome of a verification.
 #[derive(Debug)]
 pub struct Verified {
-    /// The recomputed nodes, in the order of the graph.
+    /// The nodes that run programs, and then the recomputed nodes, each in the order of the graph.
     pub nodes: Vec<(String, Verdict)>,
     /// Number of nodes with a known result, from which the recomputed nodes were chosen.
     pub known: usize,
@@ -77,12 +79,14 @@ pub struct Verified {
 impl Verified {
     /// True if all compared outputs are equal.
     pub fn is_good(&self) -> bool {
-        self.differences.is_empty() && self.nodes.iter().all(|(_, verdict)| *verdict == Verdict::Equal)
+        let is_good = |verdict: &Verdict| matches!(verdict, Verdict::Equal | Verdict::NotReproducible);
+        self.differences.is_empty() && self.nodes.iter().all(|(_, verdict)| is_good(verdict))
     }
 }
 
 /// Reads a whole bundle, recomputes some of its nodes and compares the results. The results of the other nodes are
-/// taken from the bundle without a check.
+/// taken from the bundle without a check. These include the results of all nodes that run programs, each of which has
+/// the verdict [`Verdict::NotReproducible`].
 ///
 /// # Errors
 /// If the bundle is invalid or its graph cannot run.
@@ -98,10 +102,10 @@ pub fn verify<R: Read + Seek>(
     let place = TempFolder::create_in(options.folder).map_err(|error| BundleError::Refused(cause(error)))?;
     let folder = place.path().join("graph");
     bundle.unpack(&folder)?;
-    let root = SourceRoot::confined(&folder, &[]).map_err(failed)?;
+    let lock = Lock::parse(&Source::new(LOCK, bundle.lock_text()?)).map_err(|e| refused(&e))?;
+    let root = SourceRoot::confined(&folder, &[]).map_err(failed)?.stating_programs(lock.programs());
     let graph =
         Graph::parse(Source::packed(GRAPH, bundle.graph_text()?), registry, root).map_err(|e| refused(&e))?;
-    let lock = Lock::parse(&Source::new(LOCK, bundle.lock_text()?)).map_err(|e| refused(&e))?;
     let open = |name: &str| -> Result<Engine, BundleError> {
         let store = Store::open(&place.path().join(name), Options::default()).map_err(|e| refused(&e))?;
         Ok(Engine::new(store, options.jobs, options.memory))
@@ -129,7 +133,12 @@ pub fn verify<R: Read + Seek>(
     }
     differences.extend(lock.differences(&now).results);
 
-    let chosen = chosen(&graph, known.keys().copied(), options);
+    let runs_programs = |index: &usize| graph.nodes[*index].kind.runs_programs;
+    let mut nodes: Vec<(String, Verdict)> = Vec::new();
+    for index in known.keys().filter(|index| runs_programs(index)) {
+        nodes.push((graph.nodes[*index].id.clone(), Verdict::NotReproducible));
+    }
+    let chosen = chosen(&graph, known.keys().copied().filter(|index| !runs_programs(index)), options);
     let chosen_keys: BTreeSet<[u8; 32]> = chosen.iter().map(|index| *known[index].0.as_bytes()).collect();
 
     // A store with all results except theirs. Their values are left out as well, since they may be wrong.
@@ -145,7 +154,7 @@ pub fn verify<R: Read + Seek>(
         recomputed.store().put_blob_as(&digest, &bytes).map_err(|e| refused(&e))?;
     }
     if chosen.is_empty() {
-        return Ok(Verified { nodes: Vec::new(), known: known.len(), differences, failures: None });
+        return Ok(Verified { nodes, known: known.len(), differences, failures: None });
     }
     let only: Vec<usize> = chosen.iter().copied().collect();
     let (out, cancel) = (place.path().join("out"), options.cancel.clone());
@@ -153,7 +162,6 @@ pub fn verify<R: Read + Seek>(
     let outcome = recomputed.run(&graph, &run, &mut emit);
 
     let mut made = Outlook::new(&recomputed, &graph);
-    let mut nodes = Vec::new();
     for &index in graph.order() {
         let fate = made.fate(index);
         if !chosen.contains(&index) {

@@ -24,6 +24,14 @@ impl Steps {
         (done, COUNTED.replace(around).unwrap_or_default())
     }
 
+    /// Runs `work` without counting the steps of its traversals, and returns its result.
+    pub fn uncounted<R>(work: impl FnOnce() -> R) -> R {
+        let around = COUNTED.replace(None);
+        let done = work();
+        COUNTED.set(around);
+        done
+    }
+
     /// True if traversals of this thread are counted.
     #[inline]
     pub(super) fn are_counted() -> bool {

@@ -85,6 +85,13 @@ impl LevelEstimate {
     }
 }
 
+/// The smallest rotation that maps the up direction of the cameras of a capture to `up`, and true if their up direction
+/// is certain. It is false if all cameras were held on their side, so that up and down may be exchanged. `None` if there
+/// are fewer than three cameras, or if they were not held level.
+pub fn upright_cameras(cameras: &Rig, up: DVec3) -> Option<(DMat3, bool)> {
+    rig::held(cameras).map(|held| (turn(held.up, up), held.signed))
+}
+
 /// The smallest rotation that maps one unit vector to another.
 fn turn(from: DVec3, to: DVec3) -> DMat3 {
     let cosine = from.dot(to);

@@ -4,8 +4,8 @@ use std::io::Read;
 
 use engine::{InputFile, NodeError, SourceRoot};
 
-use super::colmap;
 use super::files::{files, is_gltf, is_json};
+use crate::io::capture::colmap;
 
 /// Maximum number of cameras in a file.
 pub const CAMERA_LIMIT: usize = 1_000_000;

@@ -4,8 +4,8 @@
 use glam::{DMat3, DMat4, DVec3, DVec4};
 use serde_json::Value;
 
-use super::raw::Raw;
 use crate::error::Error;
+use crate::io::capture::raw::Raw;
 use crate::io::foreign::{json_text, refuse_foreign};
 
 /// Name of the file in the folder of a training run.

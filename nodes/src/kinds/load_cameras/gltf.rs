@@ -4,8 +4,8 @@ use engine::{Context, NodeError, Notes};
 use glam::{DMat3, DMat4, DVec3};
 
 use super::LoadCameras;
-use super::raw::Raw;
 use crate::error::Error;
+use crate::io::capture::raw::Raw;
 use crate::io::gltf::animation::Moment;
 use crate::io::gltf::{self, object::local};
 use crate::math::num;

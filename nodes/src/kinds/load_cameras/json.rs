@@ -5,9 +5,9 @@ use engine::Notes;
 use glam::{DMat4, DVec4};
 use serde_json::Value;
 
-use super::distortion::{Bend, Coefficients};
-use super::raw::Raw;
 use crate::error::Error;
+use crate::io::capture::distortion::{Bend, Coefficients};
+use crate::io::capture::raw::Raw;
 use crate::io::foreign::{json_text, portable_path, refuse_foreign};
 use crate::math::num;
 

@@ -1,13 +1,10 @@
 //! `load-cameras`: the cameras of a capture or of another program.
 
-mod colmap;
 mod count;
 mod dataparser;
-mod distortion;
 mod files;
 mod gltf;
 mod json;
-mod raw;
 #[cfg(test)]
 mod tests;
 
@@ -21,6 +18,9 @@ use engine::{
 use glam::{DMat3, DMat4};
 
 use crate::error::Error;
+use crate::io::capture::colmap;
+use crate::io::capture::distortion::{Bend, INVISIBLE_PX};
+use crate::io::capture::raw::Raw;
 use crate::io::foreign::refuse_placeholder;
 use crate::io::gltf::animation::{AfterEnd, check_clip};
 use crate::io::gltf::{Want, json_of, parse};
@@ -29,12 +29,10 @@ use crate::types::pick::{chosen, count_of, stem};
 use crate::types::{Camera, Rig};
 use count::CAMERA_LIMIT;
 use dataparser::Dataparser;
-use distortion::{Bend, INVISIBLE_PX};
 use files::{existing, files, is_gltf, json_file, size_of, with_pictures};
 use json::Origin;
 
 pub use crate::types::pick::Pick;
-use raw::Raw;
 
 engine::choices! {
     /// Treatment of lens distortion, which a pinhole camera cannot represent.

@@ -1,20 +1,17 @@
 //! `load-photos`: posed photographs of a place.
 
-mod codes;
-mod folder;
-mod points;
-
 use std::sync::Arc;
 
 use engine::{Context, Cost, FileHead, InputFile, Kind, NodeError, Notes, SourceFile, SourceRoot, Wired};
 
+use crate::io::capture::codes::{codes, masked, of_size};
+use crate::io::capture::pictures::{Listing, file_of, listing};
+use crate::io::capture::points;
 use crate::io::foreign::refuse_placeholder;
 use crate::io::picture::{FileEncoding, decode, floats_of};
 use crate::io::progress::Progress;
 use crate::types::layers::matching;
 use crate::types::{Camera, Images, Photo, Photos, Picture, Rig};
-use codes::{codes, masked, of_size};
-use folder::{Listing, file_of, listing};
 
 engine::params! {
     /// Joins cameras and their photographs, for training splats.

@@ -23,6 +23,11 @@ engine::params! {
         /// blocks of 32 by 32 pixels take more chunks of samples until they reach the target error or the maximum
         /// `samples`. Notes report the result. `None` takes `samples` everywhere, and so does a `coarse_px` above 1.
         max_error: Option<f64> = None, range(1e-6, 1.0), other("0.5"), knob(Cutoff, "", "", "", "None");
+        /// Standard error, defined as in `max_error`, at which a block of pixels takes no more samples. It saves
+        /// samples where the picture is already accurate. Unlike `max_error` it is not required: a block that
+        /// ends above it has `samples` samples, as without it, and nothing is degraded. `max_error` replaces it.
+        /// `None` takes `samples` everywhere, and so does a `coarse_px` above 1.
+        noise_threshold: Option<f64> = None, range(1e-6, 1.0), other("0.5"), knob(Cutoff, "", "", "", "None");
         /// Maximum number of bounces after the first; 0 is direct light only.
         max_bounces: u32 = 8, range(0, 64), other("0"), knob(Depth, "2", "4", "8", "32");
         /// How the receiver mesh and the panorama together model the place around the objects. `bounces` sets

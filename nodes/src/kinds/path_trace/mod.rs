@@ -21,7 +21,7 @@ use crate::render::transport::ground::capture_point::{CapturePoint, stand_in};
 use crate::render::transport::ground::light_share::share_past;
 use crate::render::transport::ground::standing::find_ground;
 use crate::render::transport::path::double_count::counted_twice;
-use crate::render::transport::picture::accumulator::FinishedView;
+use crate::render::transport::picture::accumulator::{FinishedView, TargetError};
 use crate::render::transport::picture::film::{self, CROSS, FIRST_HIT, PAIR, R0};
 use crate::render::transport::picture::prepared::PreparedScene;
 use crate::render::transport::picture::tracing::{Settings, Tracing};
@@ -51,11 +51,18 @@ impl PathTrace {
         if self.target_error().is_some() { self.samples.max(film::FIRST) } else { self.samples }
     }
 
+    /// Error at which a block of pixels takes no more samples.
+    fn goal(&self) -> Option<TargetError> {
+        let required = self.target_error().map(|error| TargetError { error, required: true });
+        let threshold = self.noise_threshold.filter(|_| self.coarse_px == 1);
+        required.or(threshold.map(|error| TargetError { error, required: false }))
+    }
+
     /// Settings of the tracer.
     fn settings(&self, every_lobe: bool) -> Settings {
         Settings {
             most: self.most(),
-            max_error: self.target_error(),
+            goal: self.goal(),
             coarse_px: self.coarse_px,
             crop: self.crop,
             contact_metres: self.contact_metres,
@@ -144,7 +151,7 @@ impl PathTrace {
 
 impl Kind for PathTrace {
     const NAME: &'static str = "path-trace";
-    const VERSION: u32 = 25;
+    const VERSION: u32 = 26;
     const READS: &'static [ContextField] =
         &[ContextField::Exhaustive, ContextField::MetresPerUnit, ContextField::Seed, ContextField::Up];
     const PREVIEW: engine::Preview =
@@ -173,7 +180,10 @@ impl Kind for PathTrace {
     fn work(params: &Self, sizes: &Sizes) -> f64 {
         let samples = f64::from(params.most());
         // A guess: at the edge of a shadow one sample has an error of 0.2, and such tiles are a tenth of the image.
-        let all = params.target_error().map_or(samples, |error| 4.0 + 0.1 * (0.2 / error) * (0.2 / error));
+        let all = params.goal().map_or(samples, |TargetError { error, .. }| {
+            let ratio = 0.2 / error;
+            4.0 + 0.1 * ratio * ratio
+        });
         let coarse = f64::from(params.coarse_px);
         sizes.of("rig") * all.min(samples) / (coarse * coarse)
     }

@@ -89,7 +89,7 @@ pub(crate) fn assemble(
             view.reached
         {
             let name = Cell::Text(camera.name.clone());
-            let errors = [asked, predicted, worst].map(Cell::Number);
+            let errors = [asked.error, predicted, worst].map(Cell::Number);
             let blocks = [all, more, short].map(Cell::Count);
             plans.push(
                 [name].into_iter().chain(errors).chain(blocks).chain([Cell::Number(samples)]).collect(),

@@ -15,7 +15,7 @@ use crate::render::transport::ground::side::Unsupported;
 use crate::render::transport::ground::standing::Standing;
 use crate::render::transport::path::visibility::Rules;
 use crate::render::transport::picture::accumulator::FinishedView;
-use crate::render::transport::picture::accumulator::ReachedError;
+use crate::render::transport::picture::accumulator::{ReachedError, TargetError};
 use crate::render::transport::picture::film::FIRST;
 use crate::render::transport::picture::holes::holes;
 use crate::render::transport::picture::prepared::PreparedScene;
@@ -371,11 +371,13 @@ pub(crate) fn report_first_samples(samples: u32, most: u32, notes: &mut Notes) {
 /// Reports the number of samples that were taken to reach the target error, and the error that was reached.
 pub(crate) fn report_plan(view: &str, reached: &ReachedError, most: u32, notes: &mut Notes) {
     let ReachedError { asked, worst, blocks: [all, more, short], samples, .. } = *reached;
+    let TargetError { error: asked, required } = asked;
+    let name = if required { "max_error" } else { "noise_threshold" };
     let text = format!(
         "`{view}`: {more} of {all} blocks of pixels took more samples than the first {FIRST}; the average is {samples:.1} samples per pixel"
     );
-    notes.decision("sample-plan", format!("{text}; the largest error is {worst:.4} (`max_error` {asked})"));
-    if short > 0 {
+    notes.decision("sample-plan", format!("{text}; the largest error is {worst:.4} (`{name}` {asked})"));
+    if short > 0 && required {
         let text = format!(
             "`{view}`: after {most} samples per pixel, the standard error is above {asked} in {short} of {all} blocks of \
              pixels; the largest error is {worst:.4}"

@@ -97,13 +97,12 @@ impl Cloud {
     /// Lower and upper corner of a box that contains nearly all points. About one point in 2000 lies beyond each
     /// side.
     pub fn extents(&self) -> [DVec3; 2] {
-        let beyond = self.points.len() / 2000;
-        let bounds = [0, 1, 2].map(|axis| {
-            let mut along: Vec<f64> = self.points.iter().map(|(p, _)| p[axis]).collect();
-            along.sort_unstable_by(f64::total_cmp);
-            [along[beyond], along[along.len() - 1 - beyond]]
-        });
-        [0, 1].map(|side| DVec3::from_array(bounds.map(|bound| bound[side])))
+        extents(self.points.iter().map(|(p, _)| *p))
+    }
+
+    /// Like [`extents`](Self::extents), for the points transformed by `by`.
+    pub fn extents_after(&self, by: &Similarity) -> [DVec3; 2] {
+        extents(self.points.iter().map(|(p, _)| by.point(*p)))
     }
 
     /// Index of the point nearest to `to`; `None` if no point is within the distance `within`.
@@ -148,6 +147,17 @@ impl Cloud {
         }
         best
     }
+}
+
+/// Box that contains nearly all of the points; see [`Cloud::extents`].
+fn extents(points: impl Iterator<Item = DVec3> + Clone) -> [DVec3; 2] {
+    let bounds = [0, 1, 2].map(|axis| {
+        let mut along: Vec<f64> = points.clone().map(|p| p[axis]).collect();
+        along.sort_unstable_by(f64::total_cmp);
+        let beyond = along.len() / 2000;
+        [along[beyond], along[along.len() - 1 - beyond]]
+    });
+    [0, 1].map(|side| DVec3::from_array(bounds.map(|bound| bound[side])))
 }
 
 /// Upper median of the values. There must be at least one value.

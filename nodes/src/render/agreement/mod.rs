@@ -9,9 +9,11 @@
 //! splats that the mesh lacks.
 
 mod cloud;
+mod explained;
 mod fit;
 mod moved;
 mod raster;
+mod rated;
 mod regions;
 mod search;
 mod sight;
@@ -21,14 +23,15 @@ mod surfaces;
 mod tests;
 
 use engine::{Context, NodeError};
-use glam::{DMat4, DVec3};
+use glam::{DMat3, DMat4, DVec3};
 
 use crate::geometry::level::{self, LevelEstimate};
 use crate::types::frame::Similarity;
 use crate::types::{Camera, Mesh, Splats};
 use cloud::{Cloud, Placed};
-use moved::{GAIN, SHIFTED, SHIFTED_SURFACES, simplest};
 pub use moved::{Likely, Moved};
+use moved::{SHIFTED, SHIFTED_SURFACES, simplest};
+use rated::Rated;
 pub use regions::Regions;
 use sight::Sight;
 use spots::Spots;
@@ -72,6 +75,8 @@ const UPRIGHT: f64 = 0.94;
 const DEBRIS: f64 = 0.006;
 /// Minimum share of the pixels of a view that missing surfaces must cover to be reported.
 const MISSING: f64 = 0.03;
+/// Number of transforms that the surfaces suggest and the views verify.
+const VERIFIED: usize = 3;
 /// Half of the minimum distance between splats and mesh for a part of the mesh to count as debris, or for a surface
 /// of the splats to count as missing. It is a share of the distance from the eye.
 const TOLERANCE: f64 = 0.05;
@@ -186,7 +191,7 @@ fn compared(place: &CapturedPlace<'_>, cx: &Context) -> Result<Option<Comparison
     cx.check()?;
     match Spots::of(place.splats, &sights) {
         Some(spots) => by_views(place, &sights, &spots, &surfaces, cx).map(Some),
-        None => Ok(Some(by_centres(place, &sights, &surfaces))),
+        None => by_centres(place, &sights, &surfaces, cx).map(Some),
     }
 }
 
@@ -205,39 +210,27 @@ fn by_views(
     cx: &Context,
 ) -> Result<Comparison, NodeError> {
     let cloud = surfaces.cloud;
-    let depths = spots.depths(sights, place.mesh, &DMat4::IDENTITY);
-    let here = spots.agreement(sights, &depths, &depths);
     let both = surfaces.here();
-    let confirmed = |at: Similarity| spots.confirmed(sights, &Placed { cloud, at });
-    let here_confirmed = confirmed(Similarity::IDENTITY);
-    // A mesh of a part of the place, such as the ground near the object, agrees where it is visible. A transform
-    // could make it fit a larger part of the splats.
-    let is_part =
-        (here.share >= PART && here.known.min(here_confirmed) >= PART_AGREES) || both.mesh >= PART_AGREES;
-    let agrees = here.all >= AGREES || both.mean() >= IN_PLACE || is_part;
-    let visible = visible(sights, &depths);
-    let mut best = if agrees { None } else { of_surfaces(place, surfaces, both) };
-    if !agrees && best.is_none() {
-        cx.check()?;
-        let measured = |by: Similarity| {
-            let moved = spots.depths(sights, place.mesh, &matrix(&by));
-            let there = spots.agreement(sights, &moved, &depths);
-            let gains = here.share < PART
-                || there.known >= here.known + GAIN
-                || confirmed(by) >= here_confirmed + GAIN;
-            (Moved::of(by, [here.all, there.all], spots), gains)
-        };
-        let mut tried = vec![measured(search::nearby(cloud, spots))];
-        if tried[0].0.agreement < AGREES {
-            cx.check()?;
-            tried.extend(search::anywhere(cloud, spots).into_iter().map(measured));
+    let rated = Rated::of(place, (sights, spots), (surfaces, both), cx)?;
+    let mut best = None;
+    if rated.is_doubtful() {
+        let mut first = search::by_surfaces(surfaces, place.axes[2]);
+        first.truncate(VERIFIED);
+        best = rated.best(first.iter().map(|&(there, by)| (Some(there), by)), cx)?;
+        if best.is_none() {
+            best = by_moved_views(place, (surfaces, both), &first, cx)?;
         }
-        let is_better =
-            |(found, gains): &(Moved, bool)| *gains && found.is_found([FOUND_BY_VIEWS, SHIFTED], spots);
-        best = simplest(tried.into_iter().filter(is_better).map(|(found, _)| found).collect());
+        if best.is_none() {
+            cx.check()?;
+            best = rated.best([(None, search::nearby(cloud, spots))], cx)?;
+        }
+        if best.is_none() {
+            cx.check()?;
+            best = rated.best(search::anywhere(cloud, spots).into_iter().map(|by| (None, by)), cx)?;
+        }
     }
-    let (debris, floating) = regions::debris(sights, &depths, spots, TOLERANCE);
-    let (missing, lacking) = regions::missing(sights, &depths, spots, cloud.extents(), TOLERANCE);
+    let (agrees, here) = (rated.agrees, rated.here);
+    let visible = visible(sights, &here.depths);
     // Debris of a large area leaves few of the sampled points on the surfaces of the place.
     let holds_the_place = || {
         let dense = Cloud::with(place.mesh, DENSE);
@@ -246,24 +239,28 @@ fn by_views(
             at.agreement(&surfaces.spots, 1, 1.0) >= HOLDS
         })
     };
-    let rest = spots.agreement(sights, &depths, &without(&depths, [&floating, &lacking])).known;
     Ok(Comparison {
         points: spots.list.len(),
-        agreement: here.all,
-        known: here.known,
+        agreement: here.agreement.all,
+        known: here.agreement.known,
         best: best.map(|found| found.judged(place, visible)),
         in_place: agrees
             || both.splats >= IN_PLACE
-            || rest >= REST_AGREES
+            || here.rest >= REST_AGREES
             || (best.is_none() && holds_the_place()),
-        debris,
-        missing,
+        debris: here.debris,
+        missing: here.missing,
         visible,
     })
 }
 
 /// Compares the mesh with the centres of the splats. Used if the views show hardly any splats.
-fn by_centres(place: &CapturedPlace<'_>, sights: &[Sight], surfaces: &Surfaces<'_>) -> Comparison {
+fn by_centres(
+    place: &CapturedPlace<'_>,
+    sights: &[Sight],
+    surfaces: &Surfaces<'_>,
+    cx: &Context,
+) -> Result<Comparison, NodeError> {
     let (spots, cloud) = (&surfaces.spots, surfaces.cloud);
     let depths = spots.depths(sights, place.mesh, &DMat4::IDENTITY);
     let visible = visible(sights, &depths);
@@ -271,7 +268,12 @@ fn by_centres(place: &CapturedPlace<'_>, sights: &[Sight], surfaces: &Surfaces<'
     let in_place = both.mean() >= IN_PLACE || both.mesh >= PART_AGREES;
     let fits = |at: Similarity| Placed { cloud, at }.agreement(spots, 1, 1.0);
     let agreement = fits(Similarity::IDENTITY);
-    let mut best = if in_place { None } else { of_surfaces(place, surfaces, both) };
+    let mut best = None;
+    if !in_place {
+        let first = search::by_surfaces(surfaces, place.axes[2]);
+        best = by_moved_views(place, (surfaces, both), &first[..first.len().min(VERIFIED)], cx)?;
+        best = best.or_else(|| of_surfaces(surfaces, both, first));
+    }
     if !in_place && best.is_none() {
         let moved = |by| Moved::of(by, [agreement, fits(by)], spots);
         let tried = search::anywhere(cloud, spots).into_iter().map(moved);
@@ -279,7 +281,7 @@ fn by_centres(place: &CapturedPlace<'_>, sights: &[Sight], surfaces: &Surfaces<'
     }
     let best = best.map(|found| found.judged(place, visible));
     let (debris, missing) = (Regions::default(), Regions::default());
-    Comparison {
+    Ok(Comparison {
         points: spots.list.len(),
         agreement,
         known: agreement.max(both.mesh),
@@ -288,30 +290,46 @@ fn by_centres(place: &CapturedPlace<'_>, sights: &[Sight], surfaces: &Surfaces<'
         debris,
         missing,
         visible,
-    }
+    })
 }
 
 /// The transform with which the surfaces agree. `None` if no transform reaches [`FOUND`] and [`GAIN`].
-fn of_surfaces(place: &CapturedPlace<'_>, surfaces: &Surfaces<'_>, here: Both) -> Option<Moved> {
-    let tried = search::by_surfaces(surfaces, place.axes[2]);
+fn of_surfaces(surfaces: &Surfaces<'_>, here: Both, tried: Vec<(Both, Similarity)>) -> Option<Moved> {
     let moved = |(both, by): (Both, Similarity)| Moved::of(by, [here.mean(), both.mean()], &surfaces.spots);
-    simplest(
-        tried
-            .into_iter()
-            .map(moved)
-            .filter(|found| found.is_found([FOUND, SHIFTED_SURFACES], &surfaces.spots))
-            .collect(),
-    )
+    let found = tried.into_iter().map(moved);
+    simplest(found.filter(|found| found.is_found([FOUND, SHIFTED_SURFACES], &surfaces.spots)).collect())
 }
 
-/// The depths without the marked pixels.
-fn without(depths: &[Vec<f64>], marked: [&[Vec<bool>]; 2]) -> Vec<Vec<f64>> {
-    let is_marked = |view: usize, pixel: usize| marked.iter().any(|all| all[view][pixel]);
-    let rest = |(view, depths): (usize, &Vec<f64>)| {
-        let all = depths.iter().enumerate();
-        all.map(|(pixel, depth)| if is_marked(view, pixel) { f64::INFINITY } else { *depth }).collect()
-    };
-    depths.iter().enumerate().map(rest).collect()
+/// The first of the transforms that makes splats and mesh agree in views that are moved like the mesh. If the splats
+/// are in the wrong frame, and mesh and cameras are not, only these views show the place.
+fn by_moved_views(
+    place: &CapturedPlace<'_>,
+    (surfaces, both): (&Surfaces<'_>, Both),
+    tried: &[(Both, Similarity)],
+    cx: &Context,
+) -> Result<Option<Moved>, NodeError> {
+    // A camera cannot be mirrored.
+    for &(there, by) in tried.iter().filter(|(_, by)| by.rotation.determinant() > 0.0) {
+        cx.check()?;
+        let cameras: Vec<Camera> =
+            chosen(place.cameras).iter().map(|camera| moved_camera(camera, &by)).collect();
+        let around: Vec<DVec3> = place.around.iter().take(AROUND).map(|point| by.point(*point)).collect();
+        let frame = (place.axes.map(|axis| by.rotation * axis), place.metre * by.scale);
+        let sights = Sight::all(place.splats, &cameras, &around, frame, cx)?;
+        let Some(spots) = Spots::of(place.splats, &sights) else { continue };
+        let rated = Rated::of(place, (&sights, &spots), (surfaces, both), cx)?;
+        if let Some(found) = rated.best([(Some(there), by)], cx)? {
+            return Ok(Some(found.of_splats()));
+        }
+    }
+    Ok(None)
+}
+
+/// The camera, moved by a similarity without a reflection.
+fn moved_camera(camera: &Camera, by: &Similarity) -> Camera {
+    let turned = by.rotation * DMat3::from_mat4(camera.world_from_camera());
+    let world_from_camera = DMat4::from_mat3_translation(turned, by.point(camera.eye()));
+    Camera { world_from_camera: world_from_camera.to_cols_array(), ..camera.clone() }
 }
 
 /// Share of the pixels of the wanted views that show splats, and share that show the mesh.

@@ -90,10 +90,18 @@ impl Moved {
         far && self.agreement >= least && self.agreement >= self.before + GAIN
     }
 
-    /// Decides which input is probably in the wrong frame, given the shares of the wanted views that show splats
+    /// The same transform, if the views show that the splats are in the wrong frame.
+    pub(super) fn of_splats(self) -> Self {
+        Self { likely: Likely::Splats, is_decided: true, ..self }
+    }
+
+    /// Decides which input is probably in the wrong frame, if this is not decided, given the shares of the wanted views that show splats
     /// and mesh.
     pub(super) fn judged(self, place: &CapturedPlace<'_>, visible: Option<[f64; 2]>) -> Self {
         let decided = |likely| Self { likely, is_decided: true, ..self };
+        if self.is_decided {
+            return self;
+        }
         if let Some([splats, mesh]) = visible {
             if splats < SEEN_LITTLE && splats < 0.5 * mesh {
                 return decided(Likely::Splats);

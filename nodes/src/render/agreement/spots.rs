@@ -133,6 +133,7 @@ impl Spots {
     /// `known` is finite. Both arguments hold the depth of each pixel for each view.
     pub fn agreement(&self, sights: &[Sight], depths: &[Vec<f64>], known: &[Vec<f64>]) -> Agreement {
         let (mut sums, mut totals) = ([0.0; 2], [0.0; 2]);
+        let mut hidden = 0.0;
         for spot in &self.list {
             let sight = &sights[spot.sight];
             let (splats, mesh) = (sight.depth[spot.pixel], depths[spot.sight][spot.pixel]);
@@ -141,6 +142,9 @@ impl Spots {
                 let along = sight.ray(spot.pixel) * (mesh - splats);
                 let off = spot.normal.map_or(0.5 * along.length(), |normal| along.dot(normal).abs());
                 fits = spot.weight * kernel(off / spot.tolerance);
+                if mesh < splats && off > spot.tolerance {
+                    hidden += spot.weight;
+                }
             }
             let kinds = if known[spot.sight][spot.pixel].is_finite() { 2 } else { 1 };
             for kind in 0..kinds {
@@ -153,6 +157,7 @@ impl Spots {
             all: sums[0] / totals[0],
             known: if totals[1] > 0.0 { sums[1] / totals[1] } else { 0.0 },
             share,
+            hidden: hidden / totals[0],
         }
     }
 
@@ -240,6 +245,9 @@ pub(super) struct Agreement {
     pub known: f64,
     /// Total weight of the points at which `known` is finite, as a share of the weight of all points.
     pub share: f64,
+    /// Weighted share of all points in front of which the mesh has a surface that is farther from the point than the
+    /// tolerance.
+    pub hidden: f64,
 }
 
 /// Median of the coordinates of the points along each axis, and the median distance of the points from this

@@ -51,6 +51,11 @@ impl<'a> Surfaces<'a> {
         Some(Self { spots, cloud, tree, weights, tolerance })
     }
 
+    /// Distance of a point of the mesh from the splats at which they do not agree, in world units.
+    pub fn tolerance(&self) -> f64 {
+        self.tolerance
+    }
+
     /// Agreement of the mesh at its own position.
     pub fn here(&self) -> Both {
         self.agreement(Similarity::IDENTITY, usize::MAX, 1.0)

@@ -1,5 +1,7 @@
 //! Tests with a synthetic place: a floor, three walls and two boxes.
 
+mod wrong_splats;
+
 use engine::Up;
 use glam::{DMat3, DVec3};
 

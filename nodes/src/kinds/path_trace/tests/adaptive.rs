@@ -57,6 +57,32 @@ fn blocks_are_those_of_whole_pictures() {
     assert!(first > 1_000 && more > 1_000, "{first} {more}");
 }
 
+/// A noise threshold takes the same samples as `max_error`, and nothing is degraded if blocks end above it. If both
+/// are set, `max_error` applies. This test fails if `report_plan` ignores `required`, or if `goal` prefers the
+/// threshold.
+#[test]
+fn a_noise_threshold_saves_samples_and_requires_nothing() {
+    let (plane, objects, rig) = far(96);
+    let render = |p: &PathTrace| render(p, &plane, &objects, &rig, &sunny());
+    let threshold = |error: f64, samples: u32| PathTrace {
+        noise_threshold: Some(error),
+        ..params(samples, Surroundings::OPEN)
+    };
+    let (required, bad) = render(&until(0.06, 16));
+    let (found, notes) = render(&threshold(0.06, 16));
+    assert_eq!(layers(&found), layers(&required));
+    assert_eq!(plan(&found), plan(&required));
+    assert!(plan(&found)[5] > 0.0 && bad.is_degraded(), "no block ends above the error: {:?}", plan(&found));
+    assert!(!notes.is_degraded());
+    let text = notes.iter().find(|n| n.id == "sample-plan").map(|n| n.text.clone()).expect("a note");
+    assert!(text.contains("`noise_threshold` 0.06"), "{text}");
+    let (both, notes) = render(&PathTrace { noise_threshold: Some(1.0), ..until(0.06, 16) });
+    assert_eq!(layers(&both), layers(&required));
+    assert!(notes.is_degraded());
+    let few = render(&PathTrace { noise_threshold: Some(0.06), ..params(3, Surroundings::OPEN) }).0;
+    assert_eq!(layers(&few), layers(&render(&params(3, Surroundings::OPEN)).0));
+}
+
 // The error is estimated from the first chunk of samples, even if fewer samples are requested.
 #[test]
 fn fewer_samples_than_the_first_are_raised_to_it() {
@@ -194,8 +220,9 @@ fn intervals_cover_where_samples_are_adapted() {
 #[test]
 fn what_would_reach_the_error_is_reported() {
     use crate::kinds::path_trace::reporting::report_plan;
-    use crate::render::transport::picture::accumulator::ReachedError;
+    use crate::render::transport::picture::accumulator::{ReachedError, TargetError};
     let reported = |asked: f64, worst: f64| {
+        let asked = TargetError { error: asked, required: true };
         let reached = ReachedError { asked, worst, predicted: worst, blocks: [4, 3, 2], samples: 16.0 };
         let mut notes = Notes::none();
         report_plan("v", &reached, 16, &mut notes);

@@ -9,6 +9,11 @@ use crate::render::transport::path::light_points::LightPoints;
 use crate::render::transport::path::path::{Vertex, first_pair};
 use crate::render::transport::path::receiver_paths::{ReceiverPaths, TOGETHER};
 use crate::render::transport::path::visibility::Rules;
+use crate::render::transport::picture::camera_rays::CameraRays;
+use crate::render::transport::picture::film::{Area, TILE, TileSums};
+use crate::render::transport::picture::pair::{PairTile, trace_pair};
+use crate::render::transport::picture::r0::trace_r0;
+use crate::render::transport::picture::tile::Tile;
 use crate::render::transport::scene::block::{Block, EVERYWHERE};
 use crate::render::transport::scene::objects::Objects;
 use crate::render::transport::scene::receiver::Receiver;
@@ -102,7 +107,8 @@ fn a_path_in_a_batch_is_the_path_alone() {
 
 /// Under near light, the change is the difference of two whole paths for every sample, also for those samples whose
 /// light is not computed because they touch no object. This test fails if `light_sample` returns before `dimming`
-/// for `touch_only` paths.
+/// for `touch_only` paths, if `lit_as_known` leaves out `dimming`, or if `known` in `scattering.rs` also serves rays
+/// that hit an object.
 #[test]
 fn paths_that_touch_nothing_change_nothing() {
     let receiver = Receiver::new(&open_room(), DVec3::ZERO);
@@ -114,12 +120,12 @@ fn paths_that_touch_nothing_change_nothing() {
         let light_points = Some(&light_points);
         let scene = Traced { receiver: &receiver, objects: &objects, sky: &sky, rules, light_points };
         let (low, high) = objects.bvh.bounds().expect("a ball");
-        let (mut changed, mut same) = (0, 0);
+        let (mut changed, mut same, mut open) = (0, 0, 0);
         for (points, key, ray, hit) in starts(&receiver) {
             let start = ray.origin + ray.direction * hit.t;
             let sampling = ChangeSampling {
                 drawn: &[],
-                arriving: None,
+                known: None,
                 probability: 1.0,
                 start,
                 objects: [low, high],
@@ -131,8 +137,60 @@ fn paths_that_touch_nothing_change_nothing() {
                 Integrator::new(scene, key, Pass::new(points, objects)).radiance(Vertex::Receiver(hit), ray)
             };
             assert_eq!(found, whole(true) - whole(false), "{rules:?}");
+            // Given what the path without objects finds at its first vertex, the change is the same up to rounding.
+            let most = 1e-5 * (whole(true) + whole(false)).max_element();
+            let mut paths = ReceiverPaths::new(scene);
+            for whole_path in [true, false] {
+                paths.push(points, &hit, &[]);
+                let first = if whole_path {
+                    paths.radiance();
+                    paths.firsts()[0]
+                } else {
+                    paths.only_firsts()[0]
+                };
+                open += u32::from(first.light.is_none());
+                let sampling = ChangeSampling { known: Some(&first), ..sampling };
+                let known = Integrator::new(scene, key, Pass::new(points, true)).change(hit, ray, &sampling);
+                assert!((known - found).abs().max_element() <= most, "{known} {found} {first:?}");
+                assert!((known == Vec3::ZERO) || found != Vec3::ZERO, "{rules:?}");
+            }
             if found == Vec3::ZERO { same += 1 } else { changed += 1 }
         }
         assert!(changed > 100 && same > 100, "{changed} of {same}");
+        assert!(open > 10 || rules.max_bounces == 0, "{open} paths go on");
+    }
+}
+
+/// A tile has the same sums and counts with objects whether the rays that it shares with the receiver alone are
+/// traced once or again. This test fails if `first_vertices` counts its rays, or if it takes the samples in another
+/// order.
+#[test]
+fn shared_rays_are_the_rays_of_each() {
+    let receiver = Receiver::new(&open_room(), DVec3::ZERO);
+    let sky = EnvironmentLight::new(&sunny());
+    let ball = ball(0.3, matte(0.6), DVec3::new(0.4, -0.6, 1.4));
+    let objects = Objects::new(Some(&receiver), &[ball], DVec3::ZERO).expect("consistent");
+    let light_points = LightPoints::new(&receiver, &sky, EYE);
+    let (rig, range) = (inside(), (0, 4));
+    let camera = &rig.cameras[0];
+    let camera_rays = CameraRays::new(camera, DVec3::ZERO, 3, &objects.ground, 1);
+    for rules in &rules() {
+        let light_points = rules.near.map(|_| &light_points);
+        let scene = Traced { receiver: &receiver, objects: &objects, sky: &sky, rules, light_points };
+        let mut untouched = 0;
+        for piece in Area::whole(camera).pieces(TILE) {
+            let pixels: Vec<_> = piece.each().collect();
+            let tile = Tile::new(scene, &camera_rays, &pixels, range);
+            let (r0, firsts) = trace_r0(scene, &tile, 4);
+            let bounds = r0.bounds.expect("bounds of a tile");
+            let of_tile = PairTile { pixels: &pixels, range, r0: &r0.sums, bounds };
+            let trace =
+                |traced| TileSums::followed(true, || trace_pair(scene, &camera_rays, None, &of_tile, traced));
+            let (together, again) = (trace(Some((tile, firsts))), trace(None));
+            assert_eq!(together.sums, again.sums, "{rules:?}");
+            assert_eq!(together.rays, again.rays, "{rules:?}");
+            untouched += together.untouched;
+        }
+        assert!(untouched < Area::whole(camera).pixels() as u64, "{rules:?}");
     }
 }

@@ -6,11 +6,10 @@
 
 use glam::Vec3;
 
-use super::direct_light::NEAR_LIGHTS;
+use super::first_vertex::FirstVertex;
 use super::integrator::{Integrator, Pass, Scene};
-use super::near_draws::NearSamples;
 use super::path::{PathState, ShadingPoint, Vertex};
-use crate::geometry::bvh::{Hit, Ray};
+use crate::geometry::bvh::{Hit, Ray, Steps};
 use crate::geometry::sampling::{Points, unit};
 use crate::math::color::luminance;
 use crate::render::transport::bsdf::Lobe;
@@ -28,8 +27,9 @@ const RAYS: f32 = 1.0;
 pub struct ChangeSampling<'a> {
     /// Sampled directions of the part of the sky that the objects can block.
     pub drawn: &'a [DrawnDirection],
-    /// Light samples of near light.
-    pub(crate) arriving: Option<&'a NearSamples>,
+    /// Results of the rays of the path without objects at its first vertex, under near light, if they are already
+    /// traced.
+    pub(crate) known: Option<&'a FirstVertex>,
     /// Probability that a sample estimates the change; see [`estimates_change`].
     pub probability: f32,
     /// Point from which the cone of directions to the objects is computed.
@@ -144,12 +144,9 @@ impl<'a> Integrator<'a> {
     fn paired_estimate(&mut self, hit: Hit, ray: Ray, sampling: &ChangeSampling<'_>) -> Vec3 {
         let lamps = !self.scene.objects.emitters.is_empty();
         let towards = if lamps { towards(sampling) } else { Towards::NOWHERE };
-        let arriving = sampling.arriving;
-        if arriving.is_some() {
-            self.tally.rays.shadow += u64::from(NEAR_LIGHTS);
-        }
-        let pass = Pass { lift: sampling.lift, towards, arriving, ..self.pass };
-        if !lamps {
+        let known = sampling.known;
+        let pass = Pass { lift: sampling.lift, towards, known, ..self.pass };
+        if known.is_none() && !lamps {
             // Most paths touch no object, which takes fewer rays to find out than the light.
             self.with(Pass { touch_only: true, ..pass }, |own| own.radiance(Vertex::Receiver(hit), ray));
             if !self.tally.touched {
@@ -161,7 +158,17 @@ impl<'a> Integrator<'a> {
             return Vec3::ZERO;
         }
         let pass = Pass { objects: false, ..pass };
-        with - self.with(pass, |own| own.radiance(Vertex::Receiver(hit), ray))
+        let without = |own: &mut Self| own.with(pass, |own| own.radiance(Vertex::Receiver(hit), ray));
+        with - match known {
+            None => without(self),
+            // These rays were counted when the receiver alone was traced.
+            Some(known) => known.light.unwrap_or_else(|| {
+                let rays = self.tally.rays;
+                let light = Steps::uncounted(|| without(self));
+                self.tally.rays = rays;
+                light
+            }),
+        }
     }
 
     /// Sampling of rays towards the objects from a receiver vertex after the first, if the objects emit light; see

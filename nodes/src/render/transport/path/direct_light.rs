@@ -2,6 +2,7 @@
 
 use glam::Vec3;
 
+use super::first_vertex::FirstVertex;
 use super::integrator::Integrator;
 use super::near_draws::{MOST, NearDraws, NearSamples};
 use super::near_field::{ArrivingLight, NearFieldLight};
@@ -91,17 +92,13 @@ impl<'a> Integrator<'a> {
     }
 
     fn lit_by_receiver(&mut self, near: &NearFieldLight<'a>, at: &ShadingPoint) -> Vec3 {
+        if let Some(known) = self.pass.known.filter(|_| at.is_first()) {
+            return self.lit_as_known(near, at, known);
+        }
         let (surface, lights) = (&at.surface, near_lights(at));
-        let own;
-        let samples = match self.pass.arriving.filter(|_| at.is_first()) {
-            Some(arriving) => arriving,
-            None => {
-                own = self.near_samples(near, at);
-                &own
-            }
-        };
+        let samples = self.near_samples(near, at);
         let mut lit = Vec3::ZERO;
-        for (number, arriving) in (0..lights).zip(samples) {
+        for (number, arriving) in (0..lights).zip(&samples) {
             let Some(arriving) = arriving else { continue };
             let points = self.pass.points.twig(number, lights);
             let key = at.key.wrapping_add(number);
@@ -109,6 +106,28 @@ impl<'a> Integrator<'a> {
             if self.may_stop() {
                 break;
             }
+        }
+        lit
+    }
+
+    /// Near light at the first vertex of a path, which is on the receiver, given the light without the objects. Only
+    /// the share that the objects leave is traced.
+    fn lit_as_known(&mut self, near: &NearFieldLight<'a>, at: &ShadingPoint, known: &FirstVertex) -> Vec3 {
+        let (surface, lights) = (&at.surface, near_lights(at));
+        let mut lit = Vec3::ZERO;
+        for (number, (arriving, &light)) in (0..lights).zip(known.arriving.iter().zip(&known.lit)) {
+            let Some(arriving) = arriving.as_ref().filter(|_| light != Vec3::ZERO) else { continue };
+            let (sample, place) = arriving;
+            let key = at.key.wrapping_add(number);
+            let ray = NearFieldLight::towards(surface.ray_to_receiver(sample.direction), place.as_ref());
+            let to_objects = Ray { t_max: ray.t_max, ..surface.ray_to_objects(sample.direction) };
+            let media = surface.medium(sample.direction);
+            let [mut left, _] = self.object_transmittance(to_objects, key, None, media);
+            if left != Vec3::ZERO {
+                let points = self.pass.points.twig(number, lights);
+                left *= self.dimming(near, arriving, (points, at.pair), key);
+            }
+            lit += light * left;
         }
         lit
     }

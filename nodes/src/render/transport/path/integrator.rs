@@ -2,8 +2,8 @@
 
 use glam::Vec3;
 
+use super::first_vertex::FirstVertex;
 use super::light_points::LightPoints;
-use super::near_draws::NearSamples;
 use super::near_field::NearFieldLight;
 use super::path::{Path, PathState, ShadingPoint, Vertex, first_pair};
 use super::rays::Rays;
@@ -52,8 +52,8 @@ pub struct Pass<'a> {
     pub distributions: Option<Distributions<'a>>,
     /// Light samples of the first vertex, if they are already drawn.
     pub drawn: Option<&'a [DrawnDirection]>,
-    /// Light samples of near light at the first vertex, if they are already drawn.
-    pub(crate) arriving: Option<&'a NearSamples>,
+    /// Results of the rays of the first vertex without the objects, under near light, if they are already traced.
+    pub(crate) known: Option<&'a FirstVertex>,
     /// True if only [`Tally::touched`] is wanted. Rays that affect only the light are not traced, the light is
     /// meaningless, and paths end when an object is touched. Used under near light.
     pub(crate) touch_only: bool,
@@ -74,7 +74,7 @@ impl Pass<'_> {
             lamps: true,
             distributions: None,
             drawn: None,
-            arriving: None,
+            known: None,
             touch_only: false,
             lift: Vec3::ZERO,
             towards: Towards::NOWHERE,

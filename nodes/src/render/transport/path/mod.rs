@@ -3,6 +3,7 @@
 pub(crate) mod change;
 pub(crate) mod direct_light;
 pub(crate) mod double_count;
+pub(crate) mod first_vertex;
 pub mod integrator;
 pub(crate) mod lamp_light;
 pub(crate) mod light_points;

@@ -9,8 +9,9 @@
 use glam::Vec3;
 
 use super::direct_light::{NEAR_LIGHTS, power_heuristic};
+use super::first_vertex::FirstVertex;
 use super::integrator::{Scene, russian_roulette};
-use super::near_draws::{NearDraws, NearSamples};
+use super::near_draws::{MOST, NearDraws, NearSamples};
 use super::near_field::NearFieldLight;
 use super::path::first_pair;
 use super::rays::Rays;
@@ -54,6 +55,8 @@ pub(crate) struct ReceiverPaths<'a> {
     /// Samples of near light.
     near: Option<(NearFieldLight<'a>, NearDraws<'a>)>,
     found: Vec<Vec3>,
+    /// First vertices of the paths under near light.
+    firsts: Vec<FirstVertex>,
     /// Numbers of rays cast.
     pub(crate) rays: Rays,
 }
@@ -89,6 +92,7 @@ impl<'a> ReceiverPaths<'a> {
             wanted: Vec::new(),
             near,
             found: Vec::new(),
+            firsts: Vec::new(),
             rays: Rays::default(),
         }
     }
@@ -113,7 +117,41 @@ impl<'a> ReceiverPaths<'a> {
 
     /// Radiance along the camera ray of each path, in the order of [`push`](Self::push). Empties the batch.
     pub(crate) fn radiance(&mut self) -> &[Vec3] {
-        for bounce in 0..=self.scene.rules.max_bounces {
+        self.advance(self.scene.rules.max_bounces);
+        self.found.clear();
+        self.found.extend(self.paths.iter().map(|path| path.light));
+        for (first, light) in self.firsts.iter_mut().zip(&self.found) {
+            first.light = Some(*light);
+        }
+        self.clear();
+        &self.found
+    }
+
+    /// First vertices of the paths that were traced last, under near light.
+    pub(crate) fn firsts(&self) -> &[FirstVertex] {
+        &self.firsts
+    }
+
+    /// First vertices of the paths under near light. Paths that go on are not traced to their ends. Empties the
+    /// batch.
+    pub(crate) fn only_firsts(&mut self) -> &[FirstVertex] {
+        self.advance(0);
+        for (first, path) in self.firsts.iter_mut().zip(&self.paths) {
+            first.light = Some(path.light);
+        }
+        if self.scene.rules.max_bounces > 0 {
+            for &index in &self.alive {
+                self.firsts[index].light = None;
+            }
+        }
+        self.clear();
+        &self.firsts
+    }
+
+    /// Advances the paths until they end, at the latest after `bounces` scatterings.
+    fn advance(&mut self, bounces: u32) {
+        self.firsts.clear();
+        for bounce in 0..=bounces {
             if self.alive.is_empty() {
                 break;
             }
@@ -127,13 +165,13 @@ impl<'a> ReceiverPaths<'a> {
             }
             self.alive = alive;
         }
-        self.found.clear();
-        self.found.extend(self.paths.iter().map(|path| path.light));
+    }
+
+    fn clear(&mut self) {
         self.paths.clear();
         self.alive.clear();
         self.lights.clear();
         self.ends.clear();
-        &self.found
     }
 
     /// Draws one light sample for the current vertex of each path under distant light.
@@ -214,13 +252,15 @@ impl<'a> ReceiverPaths<'a> {
         draws.draw();
         self.rays.shadow += u64::from(lights) * alive.len() as u64;
         let (scene, rules) = (self.scene, self.scene.rules);
+        let firsts = &mut self.firsts;
         let mut vertex = 0;
         alive.retain(|&index| {
             let path = &mut self.paths[index];
             let (samples, sampling): (NearSamples, _) = (draws.of(vertex), draws.sampling(vertex));
             vertex += 1;
-            let mut lit = Vec3::ZERO;
-            for (light, place) in samples.iter().flatten() {
+            let (mut lit, mut parts) = (Vec3::ZERO, [Vec3::ZERO; MOST]);
+            for (part, sample) in parts.iter_mut().zip(&samples) {
+                let Some((light, place)) = sample else { continue };
                 let scatter = path.matte.eval(light.direction);
                 if light.radiance == Vec3::ZERO || scatter.value == Vec3::ZERO {
                     continue;
@@ -229,16 +269,27 @@ impl<'a> ReceiverPaths<'a> {
                 self.rays.shadow += 1;
                 if near.reaches(ray, place.as_ref()) {
                     let arrived = scatter.value * power_heuristic(light.pdf, scatter.pdf);
-                    lit += arrived * light.radiance / light.pdf;
+                    *part = arrived * light.radiance / light.pdf;
+                    lit += *part;
                 }
             }
             path.light += rules.clamped(bounce, path.throughput * lit);
+            let mut keep = |landed, found| {
+                if bounce == 0 {
+                    firsts.push(FirstVertex { arriving: samples, lit: parts, landed, found, light: None });
+                }
+            };
             let sampled = path.matte.sample(&path.points, first_pair(bounce) + 1);
-            let Some((direction, scatter)) = sampled else { return false };
+            let Some((direction, scatter)) = sampled else {
+                keep(None, None);
+                return false;
+            };
             let (ray, weight) = (path.spawn_ray(direction), scatter.value / scatter.pdf);
             self.rays.scattered += 2;
             let landed = scene.receiver.bvh.closest(ray, |_| true);
-            if let Some((light, _)) = near.eval(ray, sampling, landed.as_ref(), 0.0) {
+            let found = near.eval(ray, sampling, landed.as_ref(), 0.0);
+            keep(landed, found);
+            if let Some((light, _)) = found {
                 let arrived = light.radiance * power_heuristic(scatter.pdf, lights as f32 * light.pdf);
                 path.light += rules.clamped(bounce, path.throughput * weight * arrived);
                 return false;

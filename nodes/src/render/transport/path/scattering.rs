@@ -3,6 +3,7 @@
 use glam::Vec3;
 
 use super::direct_light::{near_lights, power_heuristic};
+use super::first_vertex::FirstVertex;
 use super::integrator::{BLUR, Integrator};
 use super::path::{Path, ShadingPoint, Vertex};
 use crate::geometry::bvh::{Hit, Ray};
@@ -39,7 +40,12 @@ impl Scattered {
     }
 }
 
-impl Integrator<'_> {
+impl<'a> Integrator<'a> {
+    /// Results of the scattered ray of a vertex, if they are already known and the ray hits no object.
+    fn known(&self, at: &ShadingPoint, object: Option<&Vertex>) -> Option<&'a FirstVertex> {
+        self.pass.known.filter(|_| at.is_first() && object.is_none())
+    }
+
     /// True if light samples find all environment light of a vertex, so that scattered rays only search for
     /// surfaces.
     fn is_matte(&self, at: &ShadingPoint) -> bool {
@@ -73,7 +79,9 @@ impl Integrator<'_> {
         if !visibility.lands {
             (object, to_objects.t_max) = self.before_the_light(object, ray, visibility.block);
         }
-        let landed = if visibility.lands && (go_on || (!matte && visibility.block == Block::Solid)) {
+        let landed = if let Some(known) = self.known(at, object.as_ref()) {
+            known.landed
+        } else if visibility.lands && (go_on || (!matte && visibility.block == Block::Solid)) {
             self.tally.rays.scattered += 1;
             let on_object = object.as_ref().and_then(Vertex::on_object);
             let reach = on_object.map_or(f32::INFINITY, |hit| self.scene.objects.reach(hit, direction));
@@ -100,9 +108,15 @@ impl Integrator<'_> {
         let carried = (path.state.throughput * weight, path.state.share);
         match self.scene.near() {
             Some(near) if landed.is_some() || object.is_none() => {
-                self.tally.rays.scattered += 1;
-                let samples = near.samples(at.surface.bsdf.lit_side());
-                if let Some(arriving) = near.eval(ray, &samples, landed.as_ref(), scattered.glossy_pdf()) {
+                let arriving = match self.known(at, object.as_ref()) {
+                    Some(known) => known.found,
+                    None => {
+                        self.tally.rays.scattered += 1;
+                        let samples = near.samples(at.surface.bsdf.lit_side());
+                        near.eval(ray, &samples, landed.as_ref(), scattered.glossy_pdf())
+                    }
+                };
+                if let Some(arriving) = arriving {
                     let dimming = self.dimming(&near, &arriving, (self.pass.points, at.pair + 1), at.key);
                     let pdf = near_lights(at) as f32 * arriving.0.pdf;
                     let arrived = arriving.0.radiance * power_heuristic(scattered.pdf, pdf);

@@ -13,11 +13,20 @@ use crate::types::{Camera, Cell, Data, Image, Linear};
 /// Indices of the sums of squares among the sums of a pixel. The parts store their square roots.
 const SQUARES: [usize; 3] = [3, R0 + 3, R0 + 8];
 
+/// Standard error at which a block of pixels takes no more samples.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(crate) struct TargetError {
+    /// Standard error of the worst tile of the block.
+    pub(crate) error: f64,
+    /// True if the result is degraded when a block does not reach the error with the maximum number of samples.
+    pub(crate) required: bool,
+}
+
 /// Result of sampling to a target error.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct ReachedError {
     /// Target error.
-    pub(crate) asked: f64,
+    pub(crate) asked: TargetError,
     /// Largest error of any tile for the number of samples taken, as predicted from the first samples.
     pub(crate) predicted: f64,
     /// Largest error of any tile after all samples.

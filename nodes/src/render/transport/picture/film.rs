@@ -135,8 +135,11 @@ pub struct TileSums {
 }
 
 impl TileSums {
-    /// Result of `trace`, with BVH steps counted.
-    fn followed(trace: impl FnOnce() -> Self) -> Self {
+    /// Result of `trace`. If `followed` is true, BVH steps are counted.
+    pub(crate) fn followed(followed: bool, trace: impl FnOnce() -> Self) -> Self {
+        if !followed {
+            return trace();
+        }
         let (mut done, steps) = Steps::of(trace);
         (done.rays.followed, done.rays.steps) = (done.rays.all(), steps);
         done
@@ -165,41 +168,77 @@ impl Sums {
         progress: impl Fn() + Send + Sync,
         tile: impl Fn(usize, &[(u32, u32)]) -> TileSums + Send + Sync,
     ) -> Result<Self, NodeError> {
+        let one = |number: usize, pixels: &[(u32, u32)], followed| {
+            let done = TileSums::followed(followed, || tile(number, pixels));
+            progress();
+            [done]
+        };
+        let [all] = Self::trace_each(cx, area, [channels], one)?;
+        all.count(cx);
+        Ok(all)
+    }
+
+    /// Runs `tile` for every tile of an area, and combines each of its results. `tile` gets the index and the
+    /// pixels of the tile, and whether BVH steps are to be counted. Counts nothing in the context.
+    pub(crate) fn trace_each<const N: usize>(
+        cx: &Context,
+        area: Area,
+        channels: [usize; N],
+        tile: impl Fn(usize, &[(u32, u32)], bool) -> [TileSums; N] + Send + Sync,
+    ) -> Result<[Self; N], NodeError> {
         let pieces = area.pieces(TILE);
         let tiles = cx.for_each_tile(pieces.len(), |index| {
             let piece = &pieces[index];
-            let trace = || tile(index, &piece.each().collect::<Vec<_>>());
-            let done = if piece.is_followed() { TileSums::followed(trace) } else { trace() };
-            progress();
-            done
+            tile(index, &piece.each().collect::<Vec<_>>(), piece.is_followed())
         })?;
-        let mut all = Self { channels: channels as u32, ..Self::default() };
-        all.sums.resize(area.pixels() * channels, 0.0);
-        for (piece, tile) in pieces.iter().zip(tiles) {
-            all.rays += tile.rays;
-            all.broken += tile.broken;
-            all.cut += tile.cut;
-            all.behind += tile.behind;
-            all.untouched += tile.untouched;
-            if let Some(bound) = tile.cropped {
-                let (pixels, most) = all.cropped;
-                all.cropped = (pixels + piece.pixels() as u64, most.max(bound as f32));
-            }
-            all.tile_bounds.extend(tile.bounds);
-            for (pixel, sums) in piece.each().zip(tile.sums.chunks_exact(channels)) {
-                let at = area.index(pixel) * channels;
-                all.sums[at..at + channels].copy_from_slice(sums);
+        let mut all = channels.map(|channels| {
+            let sums = vec![0.0; area.pixels() * channels];
+            Self { channels: channels as u32, sums, ..Self::default() }
+        });
+        for (piece, tiles) in pieces.iter().zip(tiles) {
+            for (all, tile) in all.iter_mut().zip(tiles) {
+                all.add(area, piece, tile);
             }
         }
-        let Rays { camera, shadow, scattered, followed, steps } = all.rays;
-        cx.count("rays", all.rays.all());
+        Ok(all)
+    }
+
+    /// Adds the result of the tile `piece` of `area`.
+    fn add(&mut self, area: Area, piece: &Area, tile: TileSums) {
+        self.rays += tile.rays;
+        self.broken += tile.broken;
+        self.cut += tile.cut;
+        self.behind += tile.behind;
+        self.untouched += tile.untouched;
+        if let Some(bound) = tile.cropped {
+            let (pixels, most) = self.cropped;
+            self.cropped = (pixels + piece.pixels() as u64, most.max(bound as f32));
+        }
+        self.tile_bounds.extend(tile.bounds);
+        let channels = self.channels as usize;
+        for (pixel, sums) in piece.each().zip(tile.sums.chunks_exact(channels)) {
+            let at = area.index(pixel) * channels;
+            self.sums[at..at + channels].copy_from_slice(sums);
+        }
+    }
+
+    /// Sums of some pixels of `area`, pixel by pixel.
+    pub(crate) fn of_pixels(&self, area: Area, pixels: &[(u32, u32)]) -> Vec<f32> {
+        let channels = self.channels as usize;
+        let of = |pixel: &(u32, u32)| &self.sums[area.index(*pixel) * channels..][..channels];
+        pixels.iter().flat_map(of).copied().collect()
+    }
+
+    /// Counts the rays in the context.
+    pub(crate) fn count(&self, cx: &Context) {
+        let Rays { camera, shadow, scattered, followed, steps } = self.rays;
+        cx.count("rays", self.rays.all());
         cx.count("camera_rays", camera);
         cx.count("shadow_rays", shadow);
         cx.count("scattered_rays", scattered);
         cx.count("followed_rays", followed);
         cx.count("bvh_nodes", steps.nodes);
         cx.count("triangle_tests", LANES * steps.packets);
-        Ok(all)
     }
 }
 

@@ -1,4 +1,4 @@
-//! Tracing of pixels: first the receiver alone, then the change due to the objects, and the objects themselves.
+//! Tracing of pixels: the change of the receiver due to the objects, and the objects themselves.
 
 use glam::Vec3;
 
@@ -6,125 +6,69 @@ use super::camera_rays::CameraRays;
 use super::crop::Crop;
 use super::film::PAIR;
 use super::film::R0;
-use super::film::{Area, Sums, TileSums};
+use super::film::TileSums;
+use super::r0::first_vertices;
+use super::sums::{add, squared_luminance};
 use super::tile::{Sample, Tile, TileSampling};
 use super::tile_bounds::TileBounds;
-use crate::geometry::bvh::{Hit, Ray};
-use crate::math::color::luminance;
+use crate::geometry::bvh::{Hit, Ray, Steps};
 use crate::render::transport::path::change::{ChangeSampling, estimates_change, rays_towards};
-use crate::render::transport::path::direct_light::NEAR_LIGHTS;
+use crate::render::transport::path::first_vertex::FirstVertex;
 use crate::render::transport::path::integrator::{Integrator, Pass, Scene};
-use crate::render::transport::path::near_draws::NearDraws;
 use crate::render::transport::path::path::{Vertex, first_pair};
 use crate::render::transport::path::rays::Rays;
-use crate::render::transport::path::receiver_paths::{ReceiverPaths, TOGETHER};
-use crate::render::transport::sky::defensive::DefensiveSampling;
 use crate::render::transport::sky::light_draws::LightDraws;
 
 /// Index of the pair of sample dimensions that decides the coverage of blended surfaces for camera rays.
 const BLENDED: u32 = 5 << 17;
 
-/// Adds a sample to the sums if it is finite; otherwise increments `broken`. Returns whether the sample was added.
-fn add(sums: &mut [f64], light: Vec3, broken: &mut u64) -> bool {
-    if !light.is_finite() {
-        *broken += 1;
-        return false;
-    }
-    let rgb = light.to_array();
-    for (sum, v) in sums.iter_mut().zip(rgb) {
-        *sum += f64::from(v);
-    }
-    true
+/// A tile whose pixels are traced with the objects.
+pub(crate) struct PairTile<'a> {
+    /// Image coordinates of the pixels.
+    pub(crate) pixels: &'a [(u32, u32)],
+    /// Range of samples.
+    pub(crate) range: (u32, u32),
+    /// Sums of the same pixels and samples without objects.
+    pub(crate) r0: &'a [f32],
+    /// Bounds of the points of the tile.
+    pub(crate) bounds: TileBounds,
 }
 
-fn squared_luminance(light: Vec3) -> f64 {
-    let y = f64::from(luminance(light.to_array()));
-    y * y
-}
-
-/// Traces the receiver without the objects, over some pixels.
-pub(crate) fn trace_r0(
-    scene: Scene<'_>,
-    camera_rays: &CameraRays<'_>,
-    pixels: &[(u32, u32)],
-    range: (u32, u32),
-) -> TileSums {
-    let mut sums_of_tile = TileSums::with_room(pixels.len() * R0);
-    let tile = Tile::new(scene, camera_rays, pixels, range);
-    let distributions = tile.distributions();
-    let distributions = distributions.as_ref().map(|distributions| distributions.each_ref());
-    let each = (range.1 - range.0) as usize;
-    // Near light is sampled differently.
-    let far = scene.rules.near.is_none();
-    let mut draws = LightDraws::new(scene.sky, scene.sky.lights, first_pair(0), {
-        tile.samples.iter().map(|sample| {
-            let hit = sample.hit.filter(|_| far)?;
-            let usual = || scene.sky.distributions(Some(scene.receiver.facing(&hit)));
-            Some((sample.points, distributions.unwrap_or_else(usual)))
-        })
-    });
-    let mut paths = ReceiverPaths::new(scene);
-    let mut lights = Vec::with_capacity(tile.samples.len());
-    for samples in tile.samples.chunks(TOGETHER) {
-        for sample in samples {
-            let drawn = draws.next_vertex();
-            if let Some(hit) = &sample.hit {
-                paths.push(sample.points, hit, drawn);
-            }
-        }
-        let mut found = paths.radiance().iter().copied();
-        lights.extend(samples.iter().map(|sample| match sample.hit {
-            Some(_) => found.next().unwrap_or_default(),
-            None => scene.sky.background(sample.ray.direction),
-        }));
-    }
-    sums_of_tile.rays += paths.rays;
-    sums_of_tile.rays.camera += tile.samples.len() as u64;
-    for lights in lights.chunks_exact(each) {
-        let mut sums = [0.0; R0];
-        for &light in lights {
-            if add(&mut sums, light, &mut sums_of_tile.broken) {
-                sums[3] += squared_luminance(light);
-            }
-        }
-        sums[3] = sums[3].sqrt();
-        sums_of_tile.push(&sums);
-    }
-    let hits: Vec<Option<Hit>> = tile.samples.iter().map(|sample| sample.hit).collect();
-    let light = sums_of_tile.sums.chunks_exact(R0).map(|sums| Vec3::new(sums[0], sums[1], sums[2]));
-    sums_of_tile.bounds = Some(TileBounds::of(scene.receiver, light.zip(hits.chunks_exact(each))));
-    sums_of_tile
-}
-
-/// Traces the receiver with the objects, and the objects themselves, over some pixels. `r0` contains the sums of
-/// the same samples without objects, over an area that contains the pixels. Only the change is traced, and added to
-/// the sums of `r0`. If `crop` finds that the change is small enough to be left out, it is not traced.
+/// Traces the receiver with the objects, and the objects themselves, over a tile. Only the change is traced, and
+/// added to the sums without objects. If `crop` finds that the change is small enough to be left out, it is not
+/// traced. `traced` contains the camera hits of the tile and its first vertices under near light, if they are
+/// already traced. The sums and counts do not depend on this: rays that the receiver alone needs too are not
+/// counted.
 pub(crate) fn trace_pair(
     scene: Scene<'_>,
     camera_rays: &CameraRays<'_>,
     crop: Option<&Crop>,
-    (number, pixels): (usize, &[(u32, u32)]),
-    range: (u32, u32),
-    (area, r0): (Area, &Sums),
+    tile: &PairTile<'_>,
+    traced: Option<(Tile<'_>, Vec<FirstVertex>)>,
 ) -> TileSums {
+    let PairTile { pixels, range, r0, bounds } = *tile;
     let mut sums_of_tile = TileSums::with_room(pixels.len() * PAIR);
     let objects = scene.objects;
     let Some((low, high)) = objects.bvh.bounds() else {
         // Without objects no ray is cast.
-        for pixel in pixels {
+        for known in r0.chunks_exact(R0) {
             let mut sums = [0.0; PAIR];
-            sums[..3].copy_from_slice(&known(r0, area, *pixel));
+            sums[..3].copy_from_slice(&rgb(known));
             sums_of_tile.push(&sums);
         }
         sums_of_tile.untouched = pixels.len() as u64;
         return sums_of_tile;
     };
-    let bounds = r0.tile_bounds.get(number).copied().unwrap_or_default();
     if let Some(bound) = crop.and_then(|crop| crop.bound(&scene, &bounds, camera_rays.ground.max_shift())) {
         let cropped = (!bounds.is_empty()).then_some(bound);
-        return TileSums { cropped, ..trace_objects(scene, camera_rays, pixels, range, (area, r0)) };
+        return TileSums { cropped, ..trace_objects(scene, camera_rays, tile) };
     }
-    let tile = Tile::new(scene, camera_rays, pixels, range);
+    let (tile, firsts) = traced.unwrap_or_else(|| {
+        let tile = Steps::uncounted(|| Tile::new(scene, camera_rays, pixels, range));
+        let firsts = first_vertices(scene, &tile);
+        (tile, firsts)
+    });
+    let mut firsts = firsts.iter();
     let rays = rays_towards(&scene);
     let place = |s: &Sample| {
         let hit = s.hit?;
@@ -149,36 +93,23 @@ pub(crate) fn trace_pair(
             Some((sample.points, distributions.unwrap_or_else(usual)))
         })
     });
-    let mut near_draws = scene.near().map(|near| NearDraws::new(near, NEAR_LIGHTS, first_pair(0)));
-    for (samples, pixel) in tile.samples.chunks_exact((range.1 - range.0) as usize).zip(pixels) {
+    let samples = tile.samples.chunks_exact((range.1 - range.0) as usize);
+    for ((samples, pixel), without) in samples.zip(pixels).zip(r0.chunks_exact(R0)) {
         let mut sums = [0.0; PAIR];
-        if let Some(draws) = &mut near_draws {
-            draws.restart(NEAR_LIGHTS, first_pair(0));
-            for (sample, hit) in samples.iter().filter_map(|sample| Some((sample, sample.hit?))) {
-                let (position, normal, _) = scene.receiver.geometry(&hit);
-                draws.push(position, DefensiveSampling::new(scene.sky, Some(normal)), sample.points);
-            }
-            draws.draw();
-        }
-        let mut vertex = 0;
         let mut change = [0.0; 3];
         let mut touched = false;
         let shows = camera_rays.may_show(objects, *pixel);
         for sample in samples {
             let (ray, landed, drawn) = (sample.ray, place(sample), draws.next_vertex());
-            sums_of_tile.rays.camera += 1;
             let reach = landed.map_or(f32::INFINITY, |(_, hit, shift)| hit.t + shift);
             if shows {
                 show(scene, camera_rays, sample, |_| reach, &mut sums, &mut sums_of_tile);
             }
             let Some((start, hit, shift)) = landed else { continue };
-            let arriving = near_draws.as_ref().map(|draws| draws.of(vertex));
-            vertex += 1;
-            let arriving = arriving.as_ref();
+            let known = firsts.next();
             let mut integrator = Integrator::new(scene, sample.key, Pass::new(sample.points, true));
             let lift = ray.direction * shift;
-            let reach =
-                ChangeSampling { drawn, arriving, probability, start, objects: [low, high], rays, lift };
+            let reach = ChangeSampling { drawn, known, probability, start, objects: [low, high], rays, lift };
             let light = integrator.change(hit, ray, &reach);
             sums_of_tile.rays += integrator.tally.rays;
             touched |= light != Vec3::ZERO;
@@ -186,7 +117,7 @@ pub(crate) fn trace_pair(
                 sums[3] += squared_luminance(light);
             }
         }
-        for (k, known) in known(r0, area, *pixel).into_iter().enumerate() {
+        for (k, known) in rgb(without).into_iter().enumerate() {
             // Rounded as `known` is, so that fully blocked light leaves exactly 0.
             sums[k] = (known + f64::from(change[k] as f32)).max(0.0);
         }
@@ -203,15 +134,13 @@ pub(crate) fn trace_pair(
 fn trace_objects(
     scene: Scene<'_>,
     camera_rays: &CameraRays<'_>,
-    pixels: &[(u32, u32)],
-    range: (u32, u32),
-    (area, r0): (Area, &Sums),
+    &PairTile { pixels, range, r0, .. }: &PairTile<'_>,
 ) -> TileSums {
     let mut sums_of_tile =
         TileSums { untouched: pixels.len() as u64, ..TileSums::with_room(pixels.len() * PAIR) };
-    for &pixel in pixels {
+    for (&pixel, without) in pixels.iter().zip(r0.chunks_exact(R0)) {
         let mut sums = [0.0; PAIR];
-        sums[..3].copy_from_slice(&known(r0, area, pixel));
+        sums[..3].copy_from_slice(&rgb(without));
         let shows = camera_rays.may_show(scene.objects, pixel);
         for number in if shows { range.0..range.1 } else { 0..0 } {
             let (points, key, ray) = camera_rays.sample(pixel, number);
@@ -258,9 +187,8 @@ fn show(
 }
 
 /// RGB sums of a pixel without objects.
-fn known(r0: &Sums, area: Area, pixel: (u32, u32)) -> [f64; 3] {
-    let at = area.index(pixel) * R0;
-    std::array::from_fn(|k| f64::from(r0.sums[at + k]))
+fn rgb(r0: &[f32]) -> [f64; 3] {
+    std::array::from_fn(|k| f64::from(r0[k]))
 }
 
 impl Scene<'_> {

@@ -9,7 +9,7 @@
 
 use engine::NodeError;
 
-use super::accumulator::{Accumulator, ReachedError};
+use super::accumulator::{Accumulator, ReachedError, TargetError};
 use super::film::{Area, TILE, chunks};
 
 /// Side, in tiles, of the blocks of pixels that all take the same number of samples.
@@ -29,7 +29,7 @@ const PRIOR: f64 = 0.5;
 /// Target of adaptive sampling.
 pub(crate) struct ErrorGoal {
     /// Target standard error; see [`ErrorGoal::error`].
-    asked: f64,
+    asked: TargetError,
     /// Mean luminance of the objects over the pixels that they cover.
     scale: f64,
     /// Minimum luminance that a pixel of the image `without` must have for its error to count.
@@ -40,7 +40,7 @@ pub(crate) struct ErrorGoal {
 
 impl ErrorGoal {
     /// Creates the target for an image whose first chunk is already traced.
-    pub(crate) fn new(asked: f64, most: u32, accumulator: &Accumulator) -> Self {
+    pub(crate) fn new(asked: TargetError, most: u32, accumulator: &Accumulator) -> Self {
         Self {
             asked,
             scale: accumulator.object_luminance(),
@@ -127,7 +127,7 @@ impl ErrorGoal {
         for (index, &area) in blocks.iter().enumerate() {
             let first = self.error(accumulator, area, 1);
             let (mut taken, mut error) = (1, first);
-            while error > self.asked && taken < self.chunks.len() {
+            while error > self.asked.error && taken < self.chunks.len() {
                 take(accumulator, area, self.chunks[taken])?;
                 taken += 1;
                 error = self.error(accumulator, area, taken);
@@ -137,7 +137,7 @@ impl ErrorGoal {
             reached.worst = reached.worst.max(error);
             reached.blocks[0] += 1;
             reached.blocks[1] += u64::from(taken > 1);
-            reached.blocks[2] += u64::from(error > self.asked);
+            reached.blocks[2] += u64::from(error > self.asked.error);
             sum += samples(taken) * area.pixels() as f64;
             progress((index + 1) as f32 / blocks.len() as f32);
         }

@@ -1,22 +1,25 @@
 //! Tracing of images in stored parts: the receiver alone, receiver and objects, and first hits.
 
+use std::cell::Cell;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, OnceLock};
 
 use engine::{Context, NodeError, Part};
 use serde::Serialize;
 
-use super::accumulator::{Accumulator, FinishedView, finish};
+use super::accumulator::{Accumulator, FinishedView, TargetError, finish};
 use super::camera_rays::{CameraParams, CameraRays};
 use super::crop::Crop;
 use super::film::FIRST_HIT;
 use super::film::PAIR;
 use super::film::R0;
-use super::film::{Area, Sums, TILE, chunks};
+use super::film::{Area, Sums, TILE, TileSums, chunks};
 use super::first_hit::{PLACES, trace_first_hit};
-use super::pair::{trace_pair, trace_r0};
+use super::pair::{PairTile, trace_pair};
 use super::prepared::PreparedScene;
+use super::r0::trace_r0;
 use super::sample_plan::ErrorGoal;
+use super::tile::Tile;
 use crate::render::transport::path::integrator::Scene;
 use crate::render::transport::path::light_points::LightPoints;
 use crate::render::transport::path::visibility::Rules;
@@ -52,8 +55,8 @@ struct Extra<'a> {
 pub(crate) struct Settings {
     /// Maximum number of samples per pixel.
     pub(crate) most: u32,
-    /// Target standard error, if any.
-    pub(crate) max_error: Option<f64>,
+    /// Error at which a block of pixels takes no more samples. `None` takes all samples everywhere.
+    pub(crate) goal: Option<TargetError>,
     /// Side, in pixels, of the square blocks into which the image is divided. One pixel of each block is traced.
     pub(crate) coarse_px: u32,
     /// Maximum relative change of light at which a tile is cropped. 0 crops nothing.
@@ -160,23 +163,83 @@ impl<'a> Tracing<'a> {
         step: &(dyn Fn() + Send + Sync),
     ) -> Result<(), NodeError> {
         let (cx, camera) = (self.cx, camera_rays.camera);
+        let ahead = Cell::new(None);
         let part = Part { name: "r0", version: 11, inputs: &["receiver", "env"] };
         let r0 = cx.part(part, &self.of_receiver(camera, area, range), || {
-            let scene = self.scene();
-            Sums::trace(cx, area, R0, step, |_, tile| trace_r0(scene, camera_rays, tile, range))
+            let (r0, pair) = self.trace_both(camera_rays, (area, range), step)?;
+            ahead.set(pair);
+            Ok(r0)
         })?;
         expect_size(&r0, area, R0)?;
-        let part = Part { name: "pair", version: 20, inputs: &["receiver", "objects", "env"] };
-        let pair = cx.part(part, &self.of_objects(camera, area, range, self.limit()), || {
-            let (scene, crop) = (self.scene(), self.crop().ok());
-            let trace = |number: usize, tile: &[(u32, u32)]| {
-                trace_pair(scene, camera_rays, crop, (number, tile), range, (area, &r0))
-            };
-            Sums::trace(cx, area, PAIR, step, trace)
-        })?;
+        let part = Part { name: "pair", version: 21, inputs: &["receiver", "objects", "env"] };
+        let pair =
+            cx.part(part, &self.of_objects(camera, area, range, self.limit()), || match ahead.take() {
+                Some(pair) => {
+                    pair.count(cx);
+                    Ok(pair)
+                }
+                None => self.trace_with(camera_rays, (area, range), &r0, step),
+            })?;
         expect_size(&pair, area, PAIR)?;
         accumulator.add(area, &r0, &pair, range);
         Ok(())
+    }
+
+    /// Traces the receiver alone and the receiver with the objects together, since both cast the same camera rays
+    /// and, under near light, the same rays at the first vertex. The second result is not counted yet. It is `None`
+    /// if there are no objects.
+    fn trace_both(
+        &self,
+        camera_rays: &CameraRays<'_>,
+        (area, range): (Area, Range),
+        step: &(dyn Fn() + Send + Sync),
+    ) -> Result<(Sums, Option<Sums>), NodeError> {
+        let (cx, scene, each) = (self.cx, self.scene(), (range.1 - range.0) as usize);
+        let receiver = |pixels: &[(u32, u32)], followed| {
+            let mut rest = None;
+            let r0 = TileSums::followed(followed, || {
+                let tile = Tile::new(scene, camera_rays, pixels, range);
+                let (r0, firsts) = trace_r0(scene, &tile, each);
+                rest = Some((tile, firsts));
+                r0
+            });
+            step();
+            (r0, rest)
+        };
+        if self.objects.is_empty() {
+            let [r0] =
+                Sums::trace_each(cx, area, [R0], |_, pixels, followed| [receiver(pixels, followed).0])?;
+            r0.count(cx);
+            return Ok((r0, None));
+        }
+        let crop = self.crop().ok();
+        let [r0, pair] = Sums::trace_each(cx, area, [R0, PAIR], |_, pixels, followed| {
+            let (r0, rest) = receiver(pixels, followed);
+            let pair = TileSums::followed(followed, || {
+                let tile = PairTile { pixels, range, r0: &r0.sums, bounds: r0.bounds.unwrap_or_default() };
+                trace_pair(scene, camera_rays, crop, &tile, rest)
+            });
+            step();
+            [r0, pair]
+        })?;
+        r0.count(cx);
+        Ok((r0, Some(pair)))
+    }
+
+    /// Traces the receiver with the objects, given the sums without them.
+    fn trace_with(
+        &self,
+        camera_rays: &CameraRays<'_>,
+        (area, range): (Area, Range),
+        r0: &Sums,
+        step: &(dyn Fn() + Send + Sync),
+    ) -> Result<Sums, NodeError> {
+        let (scene, crop) = (self.scene(), self.crop().ok());
+        Sums::trace(self.cx, area, PAIR, step, |number, pixels| {
+            let bounds = r0.tile_bounds.get(number).copied().unwrap_or_default();
+            let tile = PairTile { pixels, range, r0: &r0.of_pixels(area, pixels), bounds };
+            trace_pair(scene, camera_rays, crop, &tile, None)
+        })
     }
 
     /// First hits of the pixels of an image.
@@ -206,7 +269,7 @@ impl<'a> Tracing<'a> {
         // Without a target error all chunks are taken.
         let chunks = chunks(most);
         let (first, share) =
-            if self.settings.max_error.is_some() { (&chunks[..1], 0.1) } else { (&chunks[..], 1.0) };
+            if self.settings.goal.is_some() { (&chunks[..1], 0.1) } else { (&chunks[..], 1.0) };
         let cameras = self.cameras.len() as f32;
         let progress = |done: f32| self.cx.progress((number as f32 + done) / cameras);
         let (done, total) = (AtomicUsize::new(0), 2 * first.len() * whole.pieces(TILE).len());
@@ -216,7 +279,7 @@ impl<'a> Tracing<'a> {
         for &range in first {
             self.add(&camera_rays, &mut accumulator, (whole, range), &step)?;
         }
-        let goal = self.settings.max_error.map(|asked| ErrorGoal::new(asked, most, &accumulator));
+        let goal = self.settings.goal.map(|asked| ErrorGoal::new(asked, most, &accumulator));
         let more = |accumulator: &mut Accumulator, area, range| {
             self.add(&camera_rays, accumulator, (area, range), &|| ())
         };

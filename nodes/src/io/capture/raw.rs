@@ -6,22 +6,22 @@ use super::distortion::Bend;
 
 /// A camera as stored in a file.
 #[derive(Debug, Clone)]
-pub(super) struct Raw {
+pub struct Raw {
     /// Name of the camera's picture, possibly with folder and extension.
-    pub(super) picture: String,
-    pub(super) width: u64,
-    pub(super) height: u64,
+    pub picture: String,
+    pub width: u64,
+    pub height: u64,
     /// Focal lengths fx and fy, and principal point cx and cy, in pixels.
-    pub(super) lens: [f64; 4],
+    pub lens: [f64; 4],
     /// Lens distortion, if the camera has any.
-    pub(super) distortion: Option<Bend>,
+    pub distortion: Option<Bend>,
     /// Pose of the camera, whose x axis points right, y down and z forward.
-    pub(super) world_from_camera: DMat4,
+    pub world_from_camera: DMat4,
 }
 
 /// Camera pose, from COLMAP's rotation (a quaternion) and translation, which map from world to camera. `None` if
 /// the quaternion has no direction.
-pub(super) fn from_colmap(q: [f64; 4], t: [f64; 3]) -> Option<DMat4> {
+pub fn from_colmap(q: [f64; 4], t: [f64; 3]) -> Option<DMat4> {
     let [w, x, y, z] = q;
     let length = (w * w + x * x + y * y + z * z).sqrt();
     if !(length > 0.0 && length.is_finite()) {

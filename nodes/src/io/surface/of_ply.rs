@@ -10,12 +10,7 @@ use crate::io::colour_range::Range;
 use crate::io::ply;
 
 /// Reads the mesh of a PLY file.
-pub(super) fn from_ply(
-    name: &str,
-    bytes: &[u8],
-    cx: &Context,
-    notes: &mut Notes,
-) -> Result<RawMesh, NodeError> {
+pub fn from_ply(name: &str, bytes: &[u8], cx: &Context, notes: &mut Notes) -> Result<RawMesh, NodeError> {
     let header = ply::header(name, bytes)?;
     let mut rows = ply::Rows::new(name, &header, bytes);
     let mut raw = RawMesh::default();

@@ -13,9 +13,24 @@ fn point(position: [f64; 3], rgb: [u8; 3]) -> Point {
     Point { position: position.map(|v| v as f32), rgb: rgb.map(|code| f32::from(code) / 255.0) }
 }
 
+/// A point, and how well the photographs agree on it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ScoredPoint {
+    /// The point.
+    pub point: Point,
+    /// Mean distance, in pixels, between the projections of the point and its observations.
+    pub error_px: f64,
+    /// Number of observations.
+    pub observations: u64,
+}
+
 /// Reads the points of a file. Points that are not finite are left out.
 pub fn read(file: &str, bytes: &[u8]) -> Result<Vec<Point>, Error> {
-    let points = if file.to_lowercase().ends_with(".txt") { text(file, bytes) } else { binary(file, bytes) }?;
+    let points = if file.to_lowercase().ends_with(".txt") {
+        text(file, bytes)?
+    } else {
+        binary(file, bytes)?.into_iter().map(|scored| scored.point).collect()
+    };
     let finite = |point: &Point| point.position.iter().all(|v| v.is_finite());
     Ok(points.into_iter().filter(finite).collect())
 }
@@ -42,7 +57,8 @@ fn text(file: &str, bytes: &[u8]) -> Result<Vec<Point>, Error> {
     Ok(points)
 }
 
-fn binary(file: &str, bytes: &[u8]) -> Result<Vec<Point>, Error> {
+/// Reads the points of a binary file with their errors, including points that are not finite.
+pub fn binary(file: &str, bytes: &[u8]) -> Result<Vec<ScoredPoint>, Error> {
     let short = || Error::format(file, "ends too early");
     let (count, mut rest) = bytes.split_first_chunk::<8>().ok_or_else(short)?;
     let count = u64::from_le_bytes(*count);
@@ -59,8 +75,10 @@ fn binary(file: &str, bytes: &[u8]) -> Result<Vec<Point>, Error> {
             word
         };
         let position = [8, 16, 24].map(|at| f64::from_le_bytes(number(at)));
-        points.push(point(position, [head[32], head[33], head[34]]));
-        let track = u64::from_le_bytes(number(43)).checked_mul(ELEMENT as u64);
+        let (error_px, observations) = (f64::from_le_bytes(number(35)), u64::from_le_bytes(number(43)));
+        let point = point(position, [head[32], head[33], head[34]]);
+        points.push(ScoredPoint { point, error_px, observations });
+        let track = observations.checked_mul(ELEMENT as u64);
         let track = track.filter(|bytes| *bytes <= after.len() as u64).ok_or_else(short)?;
         rest = &after[track as usize..];
     }
@@ -87,6 +105,8 @@ mod tests {
         let points = read("points3D.txt", text.as_bytes()).expect("is valid");
         assert_eq!(points[0], Point { position: [1.5, -2.0, 0.25], rgb: [1.0, 0.0, 0.2] });
         assert_eq!(read("points3D.bin", &bytes).expect("is valid"), points);
+        let scored = binary("points3D.bin", &bytes).expect("is valid");
+        assert_eq!((scored[0].error_px, scored[0].observations), (0.7, 2));
         for end in 0..bytes.len() {
             assert!(read("points3D.bin", &bytes[..end]).is_err());
         }
