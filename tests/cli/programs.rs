@@ -159,6 +159,7 @@ fn init_writes_the_graph_for_photographs() {
 /// The poses of renders of the demo scene, by a real COLMAP: the program that the environment variable
 /// `LIGHTHARMONY_COLMAP` names, since this takes minutes.
 #[test]
+#[allow(clippy::print_stderr, reason = "a skipped test is reported")]
 fn a_real_colmap_finds_poses() {
     let Some(program) = std::env::var_os("LIGHTHARMONY_COLMAP") else {
         eprintln!("left out: set LIGHTHARMONY_COLMAP to `colmap`, or to a Python with `pycolmap`");
@@ -182,7 +183,6 @@ fn a_real_colmap_finds_poses() {
     std::fs::write(place.path("poses.ron"), poses).unwrap();
     good(place.call(&["run", "poses.ron"]));
     let report = std::fs::read_to_string(place.path("out/report.md")).unwrap();
-    eprintln!("{report}");
     let row = |name: &str| {
         let line = report.lines().find(|line| line.contains(name)).unwrap_or_else(|| panic!("{report}"));
         line.trim_matches('|').rsplit('|').next().unwrap().trim().parse::<f64>().unwrap()

@@ -56,7 +56,7 @@ pub fn read(folder: &WorkFolder, cx: &Context) -> Result<Found, NodeError> {
     for (index, raw) in raw.iter().enumerate() {
         cx.progress(0.97 + 0.03 * index as f32 / count as f32);
         cx.check()?;
-        if raw.distortion.as_ref().is_some_and(|bend| !(bend.pixels <= INVISIBLE_PX)) {
+        if raw.distortion.as_ref().is_some_and(|bend| bend.pixels.is_nan() || bend.pixels > INVISIBLE_PX) {
             return Err(
                 Error::format("COLMAP", format!("left the photograph `{}` distorted", raw.picture)).into()
             );

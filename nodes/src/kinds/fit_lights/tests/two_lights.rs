@@ -7,7 +7,7 @@ use glam::DVec3;
 
 use super::super::*;
 use crate::geometry::sampling::{fraction, hash};
-use crate::light::emitters::{Emitters, find, texel};
+use crate::light::emitters::{Emitters, colour_angle_deg, find, texel};
 use crate::light::measure::luminance;
 use crate::math::num;
 use crate::testing::context;
@@ -277,7 +277,7 @@ fn errors(env: &Environment, truth: &Environment, emitters: &Emitters) -> Vec<[f
     let fluxes = emitters.fluxes(env).into_iter().zip(emitters.fluxes(truth));
     let error = |(found, want): (Rgb, Rgb)| {
         let stops = num::f64::log2(luminance(found) / luminance(want));
-        [stops, crate::light::emitters::colour_angle_deg(found, want).expect("not black")]
+        [stops, colour_angle_deg(found, want).expect("not black")]
     };
     fluxes.map(error).collect()
 }
@@ -303,13 +303,7 @@ fn compared(case: &Case, stops: &[f64]) -> (Vec<[f64; 2]>, Vec<[f64; 2]>, Out) {
     let before = errors(&env, &truth, &emitters);
     let (out, _) = fitted(mesh, env);
     let after = errors(&out.env, &truth, &emitters);
-    for line in format!("{:#?}", verdicts(&out)).lines() {
-        eprintln!("{line}");
-    }
-    eprintln!("{before:.2?} -> {after:.2?} {:?}", out.report.tables[2].rows);
-    for row in &out.report.tables[1].rows {
-        eprintln!("{row:?}");
-    }
+    println!("{before:.2?} -> {after:.2?} {:?} {:?}", verdicts(&out), out.report.tables[2].rows);
     (before, after, out)
 }
 
