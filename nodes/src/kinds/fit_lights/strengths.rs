@@ -39,6 +39,9 @@ const CLEAR: f64 = 2.0;
 const INFORMED: f64 = 0.7;
 /// Largest share of the hidden light that may come from directions in which the mesh is dark.
 const MISPLACED: f64 = 0.3;
+/// Largest factor of the known light, in stops up or down, with which an estimate is used. The captured colours contain
+/// all light, so the factor is 1 where mesh, colours and panorama belong together.
+const CONSISTENT: f64 = 0.2;
 /// Number of points per tile.
 const TILE: usize = 128;
 
@@ -49,6 +52,7 @@ pub(super) enum Verdict {
     Uninformed,
     Off,
     Misplaced,
+    Inconsistent,
     Unexplained,
     Agrees,
     Weak,
@@ -67,6 +71,9 @@ impl Verdict {
             Self::Off => "kept: `strengths` is false",
             Self::Misplaced => {
                 "kept: the mesh is dark where the panorama shows this light; it lacks the lamp, or is in another frame"
+            }
+            Self::Inconsistent => {
+                "kept: the colours of the place and the light that its surfaces reflect do not fit; the mesh may have the wrong scale"
             }
             Self::Unexplained => "kept: the colours of the place do not show the shading of these lights",
             Self::Agrees => "kept: the colours of the place agree with the prediction",
@@ -176,11 +183,13 @@ pub(super) fn fit(given: &Given<'_>, prior: Option<&Prior>, cx: &Context) -> Res
         .collect();
     let found = estimate(observed, &predicted, prior);
     cx.check()?;
-    let verdict = judge(&found);
+    let consistent = found.known.iter().all(|factor| num::f64::log2(*factor).abs() <= CONSISTENT);
+    let verdict = if consistent { judge(&found) } else { Verdict::Inconsistent };
     let [constant, before, after] = [0, 1, 2].map(|index| found.costs[index].iter().sum::<f64>());
     for (place, &index) in tried.iter().enumerate() {
         let one = &mut all[index];
-        let error = (found.error_stops[place].powi(2) + SYSTEMATIC * SYSTEMATIC).sqrt();
+        let spread = found.error_stops[place];
+        let error = (spread * spread + SYSTEMATIC * SYSTEMATIC).sqrt();
         let informed = error < INFORMED * found.prior_stops[place];
         // An emitter whose place is wrong only absorbs the light that the others do not explain.
         if one.verdict != Verdict::Misplaced {

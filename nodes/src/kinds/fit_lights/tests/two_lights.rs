@@ -185,9 +185,9 @@ fn room(case: &Case) -> Vec<Wall> {
         }
     }
     lights.extend(sources(&light));
-    for index in 0..walls.len() {
-        let cells = walls[index].cells(STEP).0;
-        walls[index].light = gather(&cells, walls[index].normal(), &lights);
+    for wall in &mut walls {
+        let cells = wall.cells(STEP).0;
+        wall.light = gather(&cells, wall.normal(), &lights);
     }
     walls
 }
@@ -303,7 +303,6 @@ fn compared(case: &Case, stops: &[f64]) -> (Vec<[f64; 2]>, Vec<[f64; 2]>, Out) {
     let before = errors(&env, &truth, &emitters);
     let (out, _) = fitted(mesh, env);
     let after = errors(&out.env, &truth, &emitters);
-    println!("{before:.2?} -> {after:.2?} {:?} {:?}", verdicts(&out), out.report.tables[2].rows);
     (before, after, out)
 }
 
