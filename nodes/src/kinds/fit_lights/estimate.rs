@@ -24,19 +24,19 @@ const PARTS: u32 = 4;
 /// Standard deviations of what is assumed about the light before the place is looked at, in stops.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Prior {
-    /// Of the hidden light of one emitter.
+    /// Deviation of the hidden light of one emitter.
     pub emitter: f64,
-    /// Of one channel of this light.
+    /// Deviation of one channel of this light.
     pub colour: f64,
-    /// Of the hidden light of all emitters together.
+    /// Deviation of the hidden light of all emitters together.
     pub total: f64,
-    /// Of the known light, which is what the surfaces of the place show.
+    /// Deviation of the known light, which the surfaces of the place show.
     pub known: f64,
-    /// Of one channel of the known light.
+    /// Deviation of one channel of the known light.
     pub known_colour: f64,
 }
 
-/// What is compared: points with the light that they receive, and pairs of them.
+/// Points with the light that they receive, and pairs of points that are compared.
 pub(super) struct Observed {
     /// Natural logarithm of the captured radiance of each point.
     pub logs: Vec<[f64; 3]>,

@@ -108,7 +108,7 @@ pub(super) struct Strengths {
     pub known: [f64; 3],
 }
 
-/// What the fit starts from.
+/// Input of the fit.
 pub(super) struct Given<'a> {
     pub place: &'a PlaceMesh,
     pub shading: &'a Shading,

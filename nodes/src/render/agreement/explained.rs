@@ -1,4 +1,4 @@
-//! What a transform of the mesh explains, measured by the depths in the views, and what it leaves unexplained.
+//! Comparison of a transformed mesh with the splats by the depths in the views, and its unexplained rest.
 
 use engine::{Context, NodeError};
 
