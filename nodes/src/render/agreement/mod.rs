@@ -293,7 +293,7 @@ fn by_centres(
     })
 }
 
-/// The transform with which the surfaces agree. `None` if no transform reaches [`FOUND`] and [`GAIN`].
+/// The transform with which the surfaces agree. `None` if no transform reaches [`FOUND`] and [`moved::GAIN`].
 fn of_surfaces(surfaces: &Surfaces<'_>, here: Both, tried: Vec<(Both, Similarity)>) -> Option<Moved> {
     let moved = |(both, by): (Both, Similarity)| Moved::of(by, [here.mean(), both.mean()], &surfaces.spots);
     let found = tried.into_iter().map(moved);
