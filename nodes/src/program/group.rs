@@ -130,7 +130,7 @@ impl Group {
         rustix::process::Pid::from_raw(i32::try_from(self.child.id()).ok()?)
     }
 
-    /// Kills all processes of the group. Errors mean that there is none left.
+    /// Kills all processes of the group. An error means that all of them have ended.
     #[cfg(unix)]
     fn kill(&mut self) {
         if let Some(pid) = self.pid() {
