@@ -50,9 +50,8 @@ engine::params! {
     /// the six strongest, the hidden light in red, green and blue is estimated. The prediction is the prior, with a
     /// standard deviation of `prior_stops` for each emitter and of 0.6 times this value for their sum. The report
     /// states a standard error for each. The light is unchanged if the estimate does not explain the colours clearly
-    /// better than constant light and better than the prediction, or if the mesh is dark where the panorama shows the
-    /// lights. The overall scale follows from the known light; in a place that reflects little light, it is that of the
-    /// prediction.
+    /// better than constant light and better than the prediction, if it contradicts the known light, or if the mesh is
+    /// dark where the panorama shows the lights. The overall scale follows from the known light.
     pub struct FitLights {
         /// Number of surface points to compare.
         points: u32 = 12000, range(200, 200000), other("400"), inert("the panorama of the test graph is not clipped above the horizon");
@@ -60,7 +59,7 @@ engine::params! {
         /// in open places reduce it by 0.1 to 0.3; a sun found by chance reduces it by less than 0.01.
         min_gain: f64 = 0.03, range(0.0, 1.0), other("0.9"), inert("the light of the test graph has no sun at either value");
         /// True to correct the strength and colour of the emitters; `false` only searches for the sun. The correction
-        /// is off by default because its present form has not been measured end to end.
+        /// is off by default because it has been measured in synthetic rooms, but not in captured places.
         strengths: bool = false, other("true"), inert("the panorama of the test graph is not clipped");
         /// Standard deviation of the predicted hidden light of an emitter. The more certain the prediction, the less
         /// the shading of the place can change it.
@@ -96,10 +95,15 @@ engine::outputs! {
 /// Standard deviation of the predicted hidden light of all emitters together, relative to that of one emitter. On
 /// unseen places, the sum is predicted better than its parts.
 const TOTAL: f64 = 0.6;
+/// Standard deviation of the light that visible surfaces send, compared with the light that the capture shows there, in
+/// stops: errors of the mesh and of its colours. This light determines the scale of the estimate.
+const KNOWN: f64 = 0.05;
+/// The same for one channel, compared with the others.
+const KNOWN_COLOUR: f64 = 0.02;
 
 impl Kind for FitLights {
     const NAME: &'static str = "fit-lights";
-    const VERSION: u32 = 5;
+    const VERSION: u32 = 6;
     type Params = Self;
     type In = In;
     type Out = Out;
@@ -189,8 +193,8 @@ impl FitLights {
             emitter: self.prior_stops,
             colour: self.prior_colour_stops,
             total: TOTAL * self.prior_stops,
-            known: 0.25,
-            known_colour: 0.1,
+            known: KNOWN,
+            known_colour: KNOWN_COLOUR,
         }
     }
 }

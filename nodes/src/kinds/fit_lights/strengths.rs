@@ -39,9 +39,9 @@ const CLEAR: f64 = 2.0;
 const INFORMED: f64 = 0.7;
 /// Largest share of the hidden light that may come from directions in which the mesh is dark.
 const MISPLACED: f64 = 0.3;
-/// Largest factor of the known light, in stops up or down, with which an estimate is used. The captured colours contain
-/// all light, so the factor is 1 where mesh, colours and panorama belong together.
-const CONSISTENT: f64 = 0.2;
+/// Largest factor of the known light with which an estimate is used, in standard deviations up or down. The captured
+/// colours contain all light, so the factor is 1 where mesh, colours and panorama belong together.
+const CONSISTENT: f64 = 3.0;
 /// Number of points per tile.
 const TILE: usize = 128;
 
@@ -183,7 +183,8 @@ pub(super) fn fit(given: &Given<'_>, prior: Option<&Prior>, cx: &Context) -> Res
         .collect();
     let found = estimate(observed, &predicted, prior);
     cx.check()?;
-    let consistent = found.known.iter().all(|factor| num::f64::log2(*factor).abs() <= CONSISTENT);
+    let consistent =
+        found.known.iter().all(|factor| num::f64::log2(*factor).abs() <= CONSISTENT * prior.known);
     let verdict = if consistent { judge(&found) } else { Verdict::Inconsistent };
     let [constant, before, after] = [0, 1, 2].map(|index| found.costs[index].iter().sum::<f64>());
     for (place, &index) in tried.iter().enumerate() {
