@@ -14,6 +14,12 @@ use crate::render::transport::scene::media::Media;
 /// Maximum number of positions in a pixel at which the nearest object is searched for.
 pub(crate) const PLACES: u32 = 16;
 
+/// Height above the receiver, in sizes of the largest object, below which the splats of a place receive the shadow of
+/// the receiver. Splats of the ground are often a little above the mesh of the ground.
+const LOW: f32 = 0.1;
+/// Minimum sine of the angle between ray and receiver with which that height is converted to a depth.
+const FLATTEST: f32 = 0.1;
+
 /// Traces three values for each pixel: depth and normal of the front surface at the centre of the pixel, and the
 /// depth of the nearest object at the positions of the first `places` samples.
 pub(crate) fn trace_first_hit(
@@ -57,8 +63,15 @@ pub(crate) fn trace_first_hit(
                 }
             }
         }
+        let nearest = nearest.unwrap_or_else(|| match landed {
+            Some(_) if object.is_none() => {
+                let slope = normal.dot(ray.direction).abs().max(FLATTEST);
+                (depth - planar(LOW * scene.objects.largest / slope, &ray)).max(0.0)
+            }
+            _ => depth,
+        });
         let [a, b, c] = normal.to_array().map(f64::from);
-        tile.push(&[depth, nearest.unwrap_or(depth), a, b, c]);
+        tile.push(&[depth, nearest, a, b, c]);
     }
     tile
 }

@@ -245,7 +245,7 @@ impl<'a> Tracing<'a> {
     /// First hits of the pixels of an image.
     fn first_hits(&self, camera_rays: &CameraRays<'_>, area: Area) -> Result<Arc<Sums>, NodeError> {
         let places = self.places();
-        let part = Part { name: "front", version: 11, inputs: &["receiver", "objects"] };
+        let part = Part { name: "front", version: 12, inputs: &["receiver", "objects"] };
         let extra = self.of_objects(camera_rays.camera, area, (0, places), None);
         let front = self.cx.part(part, &extra, || {
             let scene = self.scene();

@@ -78,6 +78,8 @@ pub struct Objects {
     pub ground: Ground,
     /// Largest distance by which a flat object was lifted off another; see [`super::sheets`].
     pub(crate) lifted: f32,
+    /// Diagonal of the bounding box of an object; the maximum over all objects.
+    pub(crate) largest: f32,
 }
 
 fn columns(m: DMat3) -> [Vec3; 3] {
@@ -119,9 +121,13 @@ impl Objects {
             touching: Touching::default(),
             ground: Ground::default(),
             lifted: 0.0,
+            largest: 0.0,
         };
         for (index, one) in placed.iter().enumerate() {
+            let first = objects.corners.len();
             objects.add(index, one, origin)?;
+            let added = objects.corners[first..].iter().flatten().filter(|p| p.is_finite());
+            objects.largest = objects.largest.max(Aabb::around(added).size());
         }
         objects.bvh = Bvh::build(&objects.corners);
         objects.lift_sheets(receiver);
