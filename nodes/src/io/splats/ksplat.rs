@@ -14,6 +14,8 @@ use crate::error::Error;
 
 const HEADER: usize = 4096;
 const SECTION_HEADER: usize = 1024;
+/// Size in bytes of the smallest row.
+pub(super) const LEAST_ROW: u64 = 24;
 /// Harmonics that are stored as bytes range from minus this value to this value if the file does not define a range
 /// (`Constants.js`).
 const HALF_RANGE: f64 = 1.5;

@@ -168,6 +168,9 @@ pub(crate) fn assemble(mut files: Vec<Loaded>, cx: &Context) -> Result<Splats, N
     Ok(splats)
 }
 
+/// Share of the rows of a file above which dropped rows are worth a warning.
+const MANY: f64 = 0.01;
+
 /// Reports dropped rows. If `strict` is true, the first dropped row is an error.
 pub(crate) fn report(file: &str, loaded: &Loaded, strict: bool, notes: &mut Notes) -> Result<(), NodeError> {
     if strict && let Some((row, fault)) = loaded.parts.iter().find_map(|part| part.first_fault) {
@@ -186,12 +189,13 @@ pub(crate) fn report(file: &str, loaded: &Loaded, strict: bool, notes: &mut Note
             format!("of the splats of `{file}` had to be dropped because of {}", fault.words()),
         );
     }
-    if all * 2 > loaded.count as u64 {
+    if all as f64 > MANY * loaded.count as f64 {
         let text = format!(
-            "most splats of `{file}` were dropped ({all} of {}); is the file complete?",
+            "{all} of the {} splats of `{file}` are invalid and were dropped; is the file complete? `strict: true` \
+             names the first of them",
             loaded.count
         );
-        notes.warning("mostly-dropped", text);
+        notes.warning("many-dropped", text);
     }
     Ok(())
 }

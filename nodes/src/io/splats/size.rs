@@ -7,7 +7,7 @@ use flate2::read::GzDecoder;
 
 use super::bytes::{u8_at, u32_at};
 use super::rows::{Row, sh_rest};
-use super::spz;
+use super::{ksplat, spz};
 use crate::io::head::{elements_of, ply_header};
 use crate::io::ply;
 
@@ -68,7 +68,9 @@ pub(crate) fn of(file: &FileHead<'_>) -> (u64, u64) {
         // Text of USD: some four bytes per number, and the numbers as floats before they are rows.
         [b'#', b'u', b's', b'd', b'a', ..] => (file.bytes.saturating_mul(4), file.bytes.saturating_mul(2)),
         [b'g', b'l', b'T', b'F', ..] => of(file.bytes / 236, 3, 0),
-        _ if file.name.to_ascii_lowercase().ends_with(".ksplat") => of(u64::from(u32_at(&head, 16)), 3, 0),
+        _ if ksplat::is_ksplat(&head) => {
+            of(u64::from(u32_at(&head, 16)).min(file.bytes / ksplat::LEAST_ROW), 3, 0)
+        }
         _ if file.name.to_ascii_lowercase().ends_with(".splat") => of(file.bytes / 32, 0, 0),
         _ => (0, 0),
     }

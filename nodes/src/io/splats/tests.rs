@@ -109,7 +109,7 @@ fn scales_that_overflow_are_dropped_and_counted() {
     let row = |scale: f32| PlyRow { scale: [-1.0, scale, -1.0], ..PlyRow::default() };
     let (splats, notes) = read(&build::ply(&[88.0, 200.0, 1e30, 13.8].map(row), 0)).unwrap();
     assert_eq!(counts(&notes), [("too-large".to_owned(), "3".to_owned())]);
-    assert!(notes.iter().any(|note| note.id == "mostly-dropped"));
+    assert!(notes.iter().any(|note| note.id == "many-dropped"));
     assert!((splats.scales[0][1] / 984_609.1 - 1.0).abs() < 1e-6);
 }
 

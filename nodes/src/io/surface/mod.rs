@@ -95,6 +95,14 @@ pub fn clean(
     ] {
         notes.count(id, count, what);
     }
+    if clamped as f64 > BRIGHT * mesh.positions.len() as f64 {
+        let text = format!(
+            "the colours of {clamped} of the {} vertices are outside 0 to 1 (0 to 255 in files with such colours) and were \
+             clamped; if the colours are integers of 10 or 16 bits, divide them by their maximum when exporting",
+            mesh.positions.len()
+        );
+        notes.warning("colours-too-bright", text);
+    }
     if mesh.triangles.is_empty() {
         return Err(NodeError::from(Error::format(name, "the mesh has no usable triangle")).at("path"));
     }
@@ -106,6 +114,9 @@ pub fn clean(
     }
     Ok(mesh)
 }
+
+/// Share of the vertices above which colours outside 0 to 1 are worth a warning.
+const BRIGHT: f64 = 0.05;
 
 /// True if a triangle has no area. In f64, products of differences of f32 values are exact enough that the result
 /// is 0 only for collinear corners.

@@ -90,7 +90,7 @@ fn broken_rows_are_dropped_and_counted_by_reason() {
     assert!(counted(&notes, "zero-quaternion").is_some_and(|text| text.starts_with("1 ")));
     assert!(counted(&notes, "not-finite").is_some_and(|text| text.starts_with("3 ")));
     assert!(counted(&notes, "too-large").is_some_and(|text| text.starts_with("2 ")));
-    assert!(counted(&notes, "mostly-dropped").is_some());
+    assert!(counted(&notes, "many-dropped").is_some());
     let stopped = read(&bytes, true).expect_err("strict");
     assert!(stopped.message().contains("splat 1 "), "{stopped}");
 }
