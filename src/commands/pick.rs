@@ -23,6 +23,9 @@ pub struct Pick {
     /// The pixel, counted from the upper left corner, such as 480,300
     #[arg(value_name = "X,Y")]
     pixel: String,
+    /// A second pixel: prints the distance between the two points, to measure the scale of a capture
+    #[arg(value_name = "X,Y")]
+    to: Option<String>,
     /// The name of a camera of the view
     #[arg(long, value_name = "NAME")]
     camera: Option<String>,
@@ -39,7 +42,7 @@ enum Scene {
 impl Pick {
     /// Prints the point. Returns the exit code, which is 1 if the pixel shows nothing.
     pub fn run(self) -> Result<u8, Error> {
-        let pixel = pixel(&self.pixel)?;
+        let (from, to) = (pixel(&self.pixel)?, self.to.as_deref().map(pixel).transpose()?);
         let loaded = self.graph.load()?;
         let graph = &loaded.graph;
         let node = find(graph, &self.view)?;
@@ -65,24 +68,36 @@ impl Pick {
                 names.join(", ")
             )));
         };
-        let picked = match scene {
-            Scene::Splats => {
-                let splats = engine.value::<Splats>(graph, shown).ok_or_else(gone)?;
-                on_splats(&splats, camera, pixel, &context(graph.scene.up))
-            }
-            Scene::Mesh => on_mesh(&engine.value::<Mesh>(graph, shown).ok_or_else(gone)?, camera, pixel),
+        let port = if matches!(scene, Scene::Splats) { "splats" } else { "mesh" };
+        let (splats, mesh) = match scene {
+            Scene::Splats => (Some(engine.value::<Splats>(graph, shown).ok_or_else(gone)?), None),
+            Scene::Mesh => (None, Some(engine.value::<Mesh>(graph, shown).ok_or_else(gone)?)),
         };
-        let Picked { position, normal } = match picked {
-            Ok(picked) => picked,
+        let at = |pixel| match (&splats, &mesh) {
+            (Some(splats), _) => on_splats(splats, camera, pixel, &context(graph.scene.up)).map(Some),
+            (None, Some(mesh)) => on_mesh(mesh, camera, pixel).map(Some),
+            (None, None) => Ok(None),
+        };
+        let picked = at(from).and_then(|first| Ok((first, to.map(at).transpose()?.flatten())));
+        let (Picked { position, normal }, second) = match picked {
+            Ok((Some(first), second)) => (first, second),
+            Ok((None, _)) => return Err(gone()),
             Err(error) => return Ok(failed(&error)),
         };
-        let port = if matches!(scene, Scene::Splats) { "splats" } else { "mesh" };
         let [at, along] = [position, normal].map(vector);
+        let distance = second.map_or_else(String::new, |second| {
+            let units = (second.position - position).length();
+            let metres = units * graph.scene.metres_per_unit;
+            format!(
+                "distance  {units:.4} units to {}, {metres:.4} m with this scene's `metres_per_unit`\n",
+                vector(second.position)
+            )
+        });
         terminal::print(&format!(
-            "position  {at}\n  normal  {along}\n    pose  Pose(translation: {at})\n      or  Pose(pixel: Some(({:?}, {:?})), \
+            "position  {at}\n  normal  {along}\n{distance}    pose  Pose(translation: {at})\n      or  Pose(pixel: Some(({:?}, {:?})), \
              rig: \"{}\", {port}: \"{}\")\n",
-            pixel[0],
-            pixel[1],
+            from[0],
+            from[1],
             name(graph, rig),
             name(graph, shown),
         ))?;

@@ -20,6 +20,11 @@ const STRAIGHT_DEG: f64 = 2.5;
 /// Minimum confidence at which a measured up direction is preferred to the usual convention of trainers.
 const LEANING: f64 = 0.5;
 
+/// Number of splats that are projected into each camera to find out whether the cameras see the place.
+const SAMPLED: usize = 2000;
+/// Share of the splats below which cameras do not belong to a capture.
+const BLIND: f64 = 0.002;
+
 /// The basis on which the up direction was determined.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum UpBy {
@@ -72,6 +77,39 @@ fn rig(path: &Path, matrix: Option<[f64; 16]>, cx: &Context) -> Result<Arc<Rig>,
     Ok(LoadCameras::run(&params, load_cameras::In {}, cx)?.0.rig)
 }
 
+/// Mean share of the splats whose centres a camera sees, of about [`SAMPLED`] splats.
+fn seen(splats: &Splats, rig: &Rig) -> f64 {
+    let step = splats.len().div_ceil(SAMPLED).max(1);
+    let (mut inside, mut all) = (0_u64, 0_u64);
+    for camera in &rig.cameras {
+        let from_world = camera.camera_from_world();
+        for position in splats.means.iter().step_by(step) {
+            let p = from_world.transform_point3(DVec3::from_array(position.map(f64::from)));
+            let (x, y) = (camera.cx + camera.fx * p.x / p.z, camera.cy + camera.fy * p.y / p.z);
+            let shown =
+                (0.0..camera.width_px.into()).contains(&x) && (0.0..camera.height_px.into()).contains(&y);
+            inside += u64::from(p.z > 0.0 && shown);
+            all += 1;
+        }
+    }
+    inside as f64 / all.max(1) as f64
+}
+
+/// Refuses cameras that see almost none of the splats.
+fn check_cameras(splats: &Splats, rig: &Rig, path: &Path) -> Result<(), NodeError> {
+    let share = seen(splats, rig);
+    if share >= BLIND {
+        return Ok(());
+    }
+    let what = format!(
+        "the cameras of `{}` see only {:.2} % of the splats: they are in another coordinate frame, or of another place",
+        path.display(),
+        100.0 * share
+    );
+    Err(NodeError::new(what)
+        .hint("leave out `--cameras`, or give the cameras in the frame of the splats; `init` measures up and scale from them"))
+}
+
 fn degrees(a: DVec3, b: DVec3) -> f64 {
     num::atan2(a.cross(b).length(), a.dot(b)).to_degrees()
 }
@@ -114,8 +152,11 @@ impl Standing {
             let rotation = from_y_up(Up::PlusZ) * from_y_up(up).transpose();
             Similarity { rotation, ..Similarity::IDENTITY }
         });
-        let seen = cameras.map(|path| rig(path, by_format.map(|m| m.rows()), &cx)).transpose()?;
-        let measured = level::of_splats(&first, seen.as_deref());
+        let in_file = cameras.map(|path| rig(path, by_format.map(|m| m.rows()), &cx)).transpose()?;
+        if let (Some(rig), Some(path)) = (&in_file, cameras) {
+            check_cameras(&first, rig, path)?;
+        }
+        let measured = level::of_splats(&first, in_file.as_deref());
         let (up, matrix, by, confidence) = upright(measured.as_ref(), declared);
         let cx = context(up);
         let place = match matrix {

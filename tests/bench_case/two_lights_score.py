@@ -23,7 +23,7 @@ LIGHT = """
         truth: LoadEnvironment(path: "truth.hdr", origin: EYE),
         dark:  PredictExposure(pano: "pano"),
         fused: FuseHdr(base: "pano", brackets: "dark"),
-        env:   FitLights(env: "fused", receiver: "proxy", strengths: true),
+        env:   FitLights(env: "fused", receiver: "proxy"),
         before: ScoreEnv(env: "fused", truth: "truth"),
         after:  ScoreEnv(env: "env", truth: "truth"),
         w1: WriteReport(report: "before", path: "before.json"),

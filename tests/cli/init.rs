@@ -88,6 +88,51 @@ fn files_that_cannot_be_used_leave_no_graph() {
     }
     let output = place.call(&["init", "new", "--splats", "a.ply"]);
     assert_eq!(output.status.code(), Some(2), "an object is missing");
+    let output = place.call(&["init", "new", "--splats", "sheet.gltf", "--object", "a.ply"]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("are they exchanged?"));
+    // A camera beyond the yard that looks away from it.
+    let camera = r#"[{"id": 0, "img_name": "a", "width": 64, "height": 48, "position": [0.0, -1.0, 50.0],
+        "rotation": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "fx": 60.0, "fy": 60.0}]"#;
+    std::fs::write(place.path("cameras.json"), camera).unwrap();
+    let files = ["--splats", "a.ply", "--object", "sheet.gltf", "--cameras", "cameras.json"];
+    let output = place.call(&[&["init", "new"][..], &files].concat());
+    let text = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.code() == Some(1) && text.contains("see only 0.00 % of the splats"), "{text}");
+}
+
+/// The file of an object whose largest side is 50 m.
+#[test]
+fn a_very_large_object_is_taken_as_centimetres() {
+    let place = Place::new("");
+    std::fs::write(place.path("a.ply"), yard(0.0)).unwrap();
+    let large = OBJECT.replace(r#"{"mesh":0}"#, r#"{"mesh":0,"scale":[100,100,100]}"#);
+    std::fs::write(place.path("sheet.gltf"), large).unwrap();
+    let text = said(&place, &["init", "new", "--splats", "a.ply", "--object", "sheet.gltf"]);
+    assert!(text.contains("50 m in its file, TAKEN AS CENTIMETRES: 0.50 m"), "{text}");
+    let graph = std::fs::read_to_string(place.path("new/graph.ron")).unwrap();
+    assert!(graph.contains("scale: 0.01),"), "{graph}");
+}
+
+/// Turning the object changes neither the mesh of the place nor the light.
+#[test]
+fn only_a_moved_object_needs_another_mesh() {
+    let place = Place::new("");
+    std::fs::write(place.path("a.ply"), yard(0.0)).unwrap();
+    std::fs::write(place.path("sheet.gltf"), OBJECT).unwrap();
+    said(&place, &["init", "new", "--splats", "a.ply", "--object", "sheet.gltf"]);
+    let run = |set: &str| {
+        let fixed = ["run", "new/graph.ron", "--preset", "draft", "--only", "fused", "--only", "proxy"];
+        said(&place, &[&fixed[..], &["--verbose", "--set", set]].concat())
+    };
+    let first = run("pose.yaw_deg=5.0");
+    assert!(first.contains("ran proxy") && first.contains("ran fused"), "{first}");
+    let turned = run("pose.yaw_deg=90.0");
+    assert!(!turned.contains("ran proxy") && !turned.contains("ran fused"), "{turned}");
+    let larger = run("pose.scale=0.7");
+    assert!(!larger.contains("ran proxy") && !larger.contains("ran fused"), "{larger}");
+    let moved = run("pose.translation=(0.5, 0.0, 0.5)");
+    assert!(moved.contains("ran proxy") && moved.contains("ran fused"), "{moved}");
 }
 
 #[test]

@@ -86,6 +86,11 @@ fn a_pixel_gives_the_point_that_it_shows() {
     assert!(printed.contains("splats: \"demo.splats\")"), "{printed}");
     let apart = (0..3).map(|k| (on_mesh[k] - on_splats[k]).abs()).fold(0.0, f64::max);
     assert!(apart < 0.1, "4000 splats are 10 cm apart: {on_mesh:?} {on_splats:?}");
+    let both = place.call(&["pick", "graph.ron", "trace", "30,45", "60,45"]);
+    let printed = text(&both.stdout);
+    let distance = printed.lines().find_map(|line| line.strip_prefix("distance")).unwrap().trim().to_owned();
+    let units: f64 = distance.split(' ').next().unwrap().parse().unwrap();
+    assert!(units > 0.1 && distance.contains(" m with this scene"), "{distance}");
     for (arguments, why) in [
         (["view", "96.5,3"], "lies outside"),
         (["view", "here"], "is not the position of a pixel"),

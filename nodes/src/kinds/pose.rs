@@ -32,7 +32,8 @@ engine::params! {
         matrix: Option<[f64; 16]> = None, other("Some((1.0, 0.0, 0.0, 0.5, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0))");
         /// A pixel of the view `rig`, counted from the upper left, that shows the ground on `mesh` or
         /// `splats`. `translation` is added to that point of the ground. A pixel that shows no ground, or
-        /// ground steeper than 45 degrees, is an error.
+        /// ground steeper than 45 degrees, is an error. With another camera or another picture size, the same pixel
+        /// is another place; the note `picked` states the place, to write it as `translation` instead.
         pixel: Option<[f64; 2]> = None, range(0, 65536), unit("px"), other("Some((20.5, 25.5))");
     }
 }
@@ -53,12 +54,15 @@ engine::outputs! {
     pub struct Out {
         /// The transform from the object's frame to the world.
         pose: Arc<Pose>,
+        /// The translation alone. It stays the same while the object is only rotated or scaled, so what depends on it
+        /// is not computed again: wire it to `around` of `extract-mesh` and to `at` of `cube-rig`.
+        position: Arc<Pose>,
     }
 }
 
 impl Kind for PoseNode {
     const NAME: &'static str = "pose";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     const READS: &'static [ContextField] = &[ContextField::Up];
     const STORE: Keep = Keep::Cheap;
     const INSTANT: bool = true;
@@ -129,7 +133,10 @@ impl Kind for PoseNode {
         if DMat3::from_mat4(world_from_local).determinant() < 0.0 {
             notes.decision("mirrored", "the pose mirrors the object");
         }
-        Ok((Out { pose: Arc::new(Pose { world_from_local }) }, notes))
+        let position = DMat4::from_translation(world_from_local.w_axis.truncate());
+        let [pose, position] =
+            [world_from_local, position].map(|world_from_local| Arc::new(Pose { world_from_local }));
+        Ok((Out { pose, position }, notes))
     }
 }
 
@@ -181,6 +188,20 @@ mod tests {
     }
     fn plain() -> PoseNode {
         PoseNode { translation: [0.0; 3], yaw_deg: 0.0, scale: 1.0, matrix: None, pixel: None }
+    }
+
+    #[test]
+    fn the_position_does_not_depend_on_rotation_and_scale() {
+        let cx =
+            Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false }, ".");
+        let position = |p: PoseNode| {
+            let none = In { rig: None, mesh: None, splats: None };
+            PoseNode::run(&p, none, &cx).unwrap_or_else(|e| panic!("{e}")).0.position.world_from_local
+        };
+        let at = [1.0, 2.0, 3.0];
+        let expected = DMat4::from_translation(DVec3::from_array(at));
+        assert_eq!(position(PoseNode { translation: at, ..plain() }), expected);
+        assert_eq!(position(PoseNode { translation: at, yaw_deg: 40.0, scale: -2.5, ..plain() }), expected);
     }
 
     #[test]

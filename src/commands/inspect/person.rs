@@ -140,12 +140,27 @@ fn of_picture(text: &mut Lines, picture: &picture::Inspection) {
     text.line("read by", kinds.to_owned());
 }
 
+/// Size in metres from which an object may be in centimetres.
+const LARGE: f64 = 20.0;
+
 fn of_mesh(text: &mut Lines, mesh: &mesh::Inspection, declared_up: Option<&str>) {
     text.line("mesh", format!("triangles: {}, vertices: {}", mesh.triangles, mesh.vertices));
     text.line("colours", if mesh.coloured { "per vertex" } else { "none" }.to_owned());
     let ruler = Ruler::of(mesh.bounds.map_or(0.0, |bounds| bounds.diagonal()));
     if let Some(bounds) = &mesh.bounds {
         text.line("bounds", ruler.extent(bounds));
+        if declared_up.is_some() {
+            let [x, y, z] = [0, 1, 2].map(|k| bounds.max[k] - bounds.min[k]);
+            let cm = if x.max(y).max(z) < LARGE {
+                ""
+            } else {
+                "; if it is in centimetres, pose it with `scale: 0.01`"
+            };
+            text.line(
+                "size",
+                format!("{x:.3} x {y:.3} x {z:.3} m as an object, since glTF is in metres{cm}"),
+            );
+        }
     }
     text.line("area", format!("{} square units", Ruler::of(mesh.area).length(mesh.area)));
     text.line(

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use engine::Up;
 
-use super::graph::{ALBEDO, length, number, percent, vector};
+use super::graph::{ALBEDO, has_colours, length, number, percent, vector};
 use super::sky::Sky;
 use super::survey::{Survey, decimals, is_known};
 use crate::session::standing::{Standing, UpBy};
@@ -120,8 +120,13 @@ pub fn list(survey: &Survey, graph: &str, path: &Path) -> String {
     if s.arranged.fitted && is_known(&s.standing.stand) {
         let text = format!("scaled by {} to {units} units, so that it fits", number(s.arranged.scale));
         line("size", text, None, "pose:");
-    } else {
+    } else if s.file_scale == 1.0 {
         line("size", format!("unchanged from its file: {size:.2} m, which is {units} units"), None, "pose:");
+    } else {
+        let own = size / s.file_scale;
+        let text =
+            format!("{own:.0} m in its file, TAKEN AS CENTIMETRES: {size:.2} m, which is {units} units");
+        line("size", text, None, "pose:");
     }
     match (&s.photo, s.arranged.view) {
         (Some(photo), _) => {
@@ -143,7 +148,7 @@ pub fn list(survey: &Survey, graph: &str, path: &Path) -> String {
             let text = format!(
                 "{share} of the upper half of the panorama shows nothing; a white sky was assumed there, which gives the ground an albedo of {albedo}"
             );
-            line("light", text, None, "env:");
+            line("light", text, None, if has_colours(s) { "fused:" } else { "env:" });
         }
         Sky::Unknown(share) => {
             let text = format!(

@@ -210,12 +210,20 @@ fn object(o: &mut Lines, s: &Survey) {
     } else {
         String::new()
     };
-    o.line(&format!("        // Scale 1 is the object's own size.{fitted}"));
+    let own = if s.file_scale == 1.0 {
+        "Scale 1 is the object's own size.".to_owned()
+    } else {
+        let metres = size.max_element() / s.file_scale;
+        format!(
+            "The object's file says {metres:.0} m, which was TAKEN AS CENTIMETRES: scale 0.01 is its own size."
+        )
+    };
+    o.line(&format!("        // {own}{fitted}"));
     o.line(&format!(
         "        pose:   Pose(translation: {}, yaw_deg: {}, scale: {}),",
         vector(s.translation),
         number(s.yaw_deg),
-        number(arranged.scale)
+        number(arranged.scale * s.file_scale)
     ));
 }
 
@@ -235,13 +243,13 @@ fn mesh(o: &mut Lines, s: &Survey) {
             o.line(
                 "        // The mesh of the place, made from the splats, receives shadows and reflects light.",
             );
-            o.line("        proxy:  ExtractMesh(splats: \"scene\", around: \"pose\", cameras: \"camera\"),");
+            o.line("        proxy:  ExtractMesh(splats: \"scene\", around: \"pose.position\", cameras: \"camera\"),");
         }
     }
     o.line(
         "        // Moves the object down or up onto the mesh. If the object hangs, write `pose: \"pose\"` in `placed` instead.",
     );
-    let reach = one_digit((0.6 * height(s) * s.metres_per_unit).max(0.02));
+    let reach = one_digit((height(s) * s.metres_per_unit).max(0.05));
     o.line(&format!(
         "        stands: Snap(object: \"object\", pose: \"pose\", mesh: \"proxy\", reach_metres: {}),",
         number(reach)
@@ -288,14 +296,17 @@ fn light(o: &mut Lines, s: &Survey) {
         "        // The light at the object: six views become a panorama, and the light lost to clipping is predicted.",
     );
     o.line(&format!(
-        "        probe:  CubeRig(at: \"stands\", height_metres: {}, size_px: 256),",
+        "        probe:  CubeRig(at: \"pose.position\", height_metres: {}, size_px: 256),",
         number(s.probe_metres)
     ));
     o.line(&format!("        faces:  SplatRender(splats: \"scene\", rig: \"probe\"{near}),"));
     o.line("        pano:   Stitch(views: \"faces\", width_px: 512),");
     o.line("        dark:   PredictExposure(pano: \"pano\", evs: [-6.0, -3.0], method: Learned),");
+    // A plane has no colours to compare, and an unknown light is not worth correcting.
+    let is_fitted = has_colours(s) && !matches!(s.sky, Sky::Unknown(_));
+    let fused = if is_fitted { "fused: " } else { "env:   " };
     match s.sky {
-        Sky::Seen => o.line("        env:    FuseHdr(base: \"pano\", brackets: \"dark\"),"),
+        Sky::Seen => o.line(&format!("        {fused} FuseHdr(base: \"pano\", brackets: \"dark\"),")),
         Sky::Missing(share) => {
             o.line(&format!(
                 "        // {} of the upper half of `pano` shows nothing, and the rest is too dark for the bright ground. `ground_albedo`",
@@ -305,7 +316,7 @@ fn light(o: &mut Lines, s: &Survey) {
                 "        // makes the unseen part a white sky that gives the ground this albedo: grass 0.2, stone or sand 0.3, concrete 0.4.",
             );
             o.line(&format!(
-                "        env:    FuseHdr(base: \"pano\", brackets: \"dark\", ground_albedo: {}),",
+                "        {fused} FuseHdr(base: \"pano\", brackets: \"dark\", ground_albedo: {}),",
                 number(ALBEDO)
             ));
         }
@@ -318,6 +329,15 @@ fn light(o: &mut Lines, s: &Survey) {
             o.line("        env:    FuseHdr(base: \"pano\", brackets: \"dark\"),");
         }
     }
+    if is_fitted {
+        o.line("        // The shading and the shadows of the place correct the direction, strength and colour of its lights.");
+        o.line("        env:    FitLights(env: \"fused\", receiver: \"proxy\", splats: \"scene\"),");
+    }
+}
+
+/// True if the receiver has the colours of the place.
+pub(super) fn has_colours(s: &Survey) -> bool {
+    s.mesh.is_some() || s.arranged.surface.is_some()
 }
 
 /// Writes the trace and the finished picture.
@@ -327,7 +347,8 @@ fn picture(o: &mut Lines, s: &Survey) {
         Some(photo) => o.line(&format!("        view:   LoadImage(path: {}),", quoted(&photo.path))),
         None => o.line(&format!("        view:   SplatRender(splats: \"scene\", rig: \"camera\"{near}),")),
     }
-    o.line("        // More `samples` give less noise; samples already traced are reused.");
+    o.line("        // 8 samples are a first picture. More give less noise, and samples already traced are reused: `--preset preview`");
+    o.line("        // traces 16, `--preset final` 64.");
     o.line("        trace:  PathTrace(");
     o.line(
         "            receiver: \"proxy\", objects: [\"placed\"], rig: \"camera\", env: \"env\", samples: 8, clamp_indirect: 4.0,",

@@ -6,18 +6,21 @@ use std::path::{Path, PathBuf};
 use engine::{InputFile, Kind, NodeError, Up};
 use glam::DVec3;
 use nodes::geometry::level::{LevelEstimate, Scale};
+use nodes::io::splats::Format;
 use nodes::kinds::load_object::{self, LoadObject};
 use nodes::math::equirect::axes;
 use nodes::render::layout::{Arrangement, Extents, Surface, Viewpoint, arrange};
 use nodes::types::Rig;
 
 use super::sky::Sky;
-use crate::session::splats;
 use crate::session::standing::Standing;
+use crate::session::{mesh, splats};
 
 /// Range of scene radii, in units. A scene of unknown scale is assumed to be in metres if its radius is in this
 /// range.
 const METRIC: [f64; 2] = [1.0, 100.0];
+/// Size in metres from which the file of an object is assumed to be in centimetres.
+const CENTIMETRES: f64 = 20.0;
 /// Default of the near plane of views, in metres.
 pub const NEAR: f64 = 0.2;
 /// Width and height of the first picture.
@@ -75,8 +78,10 @@ pub struct Survey {
     pub standing: Standing,
     /// Metres per unit as written in the graph.
     pub metres_per_unit: f64,
-    /// Bounding box of the object.
+    /// Bounding box of the object, in metres, after scaling by `file_scale`.
     pub extents: Extents,
+    /// Metres per unit of the object's file: 1, as glTF requires, or 0.01.
+    pub file_scale: f64,
     /// Position and size of the object, and the camera.
     pub arranged: Arrangement,
     /// Translation of the pose: the position of the origin of the object's file, in world units.
@@ -131,7 +136,9 @@ impl Survey {
         {
             splats::check(file)?;
         }
-        Self::on(Standing::of(files.splats, files.cameras)?, files, None)
+        let standing = Standing::of(files.splats, files.cameras)
+            .map_err(|error| if mesh::is_mesh(files.splats) { exchanged(error) } else { error })?;
+        Self::on(standing, files, None)
     }
 
     /// Derives the values of the graph for a capture that has been read. `wanted` replaces the place and the camera
@@ -140,9 +147,14 @@ impl Survey {
         let (up, stand, cameras) = (standing.up, &standing.stand, standing.cameras.as_deref());
         let cx = splats::context(up);
         let params = LoadObject::of(InputFile(files.object.display().to_string()));
-        let object = LoadObject::run(&params, load_object::In {}, &cx)?.0.object;
-        let extents = Extents::of(&object)
+        let object = LoadObject::run(&params, load_object::In {}, &cx)
+            .map_err(|error| if is_splats(files.object) { exchanged(error) } else { error })?
+            .0
+            .object;
+        let own = Extents::of(&object)
             .ok_or_else(|| NodeError::new(format!("`{}` has no triangles", files.object.display())))?;
+        let file_scale = if own.size().max_element() < CENTIMETRES { 1.0 } else { 0.01 };
+        let extents = Extents { low: own.low * file_scale, high: own.high * file_scale };
         let mut metres_per_unit = metres(stand);
         let mut arranged = arrange(&standing.splats, stand, &extents, metres_per_unit, cameras, &cx)?;
         if let Some(Wanted { place, view }) = wanted {
@@ -185,6 +197,7 @@ impl Survey {
             standing,
             metres_per_unit,
             extents,
+            file_scale,
             arranged,
             translation,
             yaw_deg,
@@ -198,6 +211,16 @@ impl Survey {
     pub fn decimals(&self) -> usize {
         decimals(&self.standing.stand)
     }
+}
+
+/// True if a file of an object contains splats.
+fn is_splats(file: &Path) -> bool {
+    std::fs::read(file).is_ok_and(|bytes| Format::of("", &bytes).is_ok())
+}
+
+/// The error of a file that was given in place of another.
+fn exchanged(error: NodeError) -> NodeError {
+    error.hint("`--splats` takes the captured place and `--object` the object to insert; are they exchanged?")
 }
 
 /// True if the measured scale of a scene is certain enough to be written to the graph.

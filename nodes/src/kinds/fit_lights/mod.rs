@@ -58,9 +58,8 @@ engine::params! {
         /// Minimum fraction by which a sun must reduce the error of the explained colours to be accepted. Real suns
         /// in open places reduce it by 0.1 to 0.3; a sun found by chance reduces it by less than 0.01.
         min_gain: f64 = 0.03, range(0.0, 1.0), other("0.9"), inert("the light of the test graph has no sun at either value");
-        /// True to correct the strength and colour of the emitters; `false` only searches for the sun. The correction
-        /// is off by default because it has been measured in synthetic rooms, but not in captured places.
-        strengths: bool = false, other("true"), inert("the panorama of the test graph is not clipped");
+        /// True to correct the strength and colour of the emitters; `false` only searches for the sun.
+        strengths: bool = true, other("false"), inert("the panorama of the test graph is not clipped");
         /// Standard deviation of the predicted hidden light of an emitter. The more certain the prediction, the less
         /// the shading of the place can change it.
         prior_stops: f64 = 1.5, range(0.05, 6.0), unit("stops"), other("0.1"), inert("the panorama of the test graph is not clipped");
