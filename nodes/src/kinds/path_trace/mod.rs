@@ -151,7 +151,7 @@ impl PathTrace {
 
 impl Kind for PathTrace {
     const NAME: &'static str = "path-trace";
-    const VERSION: u32 = 26;
+    const VERSION: u32 = 27;
     const READS: &'static [ContextField] =
         &[ContextField::Exhaustive, ContextField::MetresPerUnit, ContextField::Seed, ContextField::Up];
     const PREVIEW: engine::Preview =
