@@ -18,6 +18,7 @@ mod coarse;
 mod crop;
 mod env_resolution;
 mod extremes;
+mod guide;
 mod hanging;
 mod insertion;
 mod lamps;

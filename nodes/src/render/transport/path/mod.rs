@@ -4,6 +4,7 @@ pub(crate) mod change;
 pub(crate) mod direct_light;
 pub(crate) mod double_count;
 pub(crate) mod first_vertex;
+pub(crate) mod guide;
 pub mod integrator;
 pub(crate) mod lamp_light;
 pub(crate) mod light_points;
@@ -11,6 +12,7 @@ pub(crate) mod near_draws;
 pub mod near_field;
 #[expect(clippy::module_inception, reason = "the module contains the type of the same name")]
 pub(crate) mod path;
+pub(crate) mod places;
 pub(crate) mod rays;
 pub(crate) mod receiver_paths;
 pub(crate) mod scattering;

@@ -10,6 +10,7 @@ use glam::Vec3;
 
 use super::direct_light::{NEAR_LIGHTS, power_heuristic};
 use super::first_vertex::FirstVertex;
+use super::guide::Guide;
 use super::integrator::{Scene, russian_roulette};
 use super::near_draws::{MOST, NearDraws, NearSamples};
 use super::near_field::NearFieldLight;
@@ -52,6 +53,8 @@ pub(crate) struct ReceiverPaths<'a> {
     points: Vec<Points>,
     bits: Vec<[u32; 2]>,
     wanted: Vec<PlacedDraw<'a>>,
+    /// Guide of the light samples after the first vertex.
+    guide: Option<&'a Guide>,
     /// Samples of near light.
     near: Option<(NearFieldLight<'a>, NearDraws<'a>)>,
     found: Vec<Vec3>,
@@ -90,11 +93,17 @@ impl<'a> ReceiverPaths<'a> {
             points: Vec::new(),
             bits: Vec::new(),
             wanted: Vec::new(),
+            guide: None,
             near,
             found: Vec::new(),
             firsts: Vec::new(),
             rays: Rays::default(),
         }
+    }
+
+    /// Chooses light samples after the first vertex by a guide.
+    pub(crate) fn guided(self, guide: Option<&'a Guide>) -> Self {
+        Self { guide, ..self }
     }
 
     /// Adds a path that starts at a hit of a camera ray. `drawn` contains the light samples of its first vertex; it
@@ -184,7 +193,12 @@ impl<'a> ReceiverPaths<'a> {
         self.wanted.clear();
         self.ends.clear();
         for (&index, bits) in alive.iter().zip(&self.bits) {
-            let distributions = sky.distributions(Some(self.paths[index].matte.normal()));
+            let path = &self.paths[index];
+            let normal = path.matte.normal();
+            let distributions = match self.guide {
+                Some(guide) => guide.distributions(sky, path.position, normal),
+                None => sky.distributions(Some(normal)),
+            };
             if distributions.iter().any(|distribution| distribution.power > 0.0) {
                 let numbers = sky.numbers(distributions, None);
                 let (tier, point) = sky.tier(numbers, *bits);

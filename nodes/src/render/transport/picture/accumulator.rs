@@ -86,7 +86,7 @@ pub(crate) struct Accumulator {
     /// chunk of the luminances of R0, R1 and O. The products are divided by the chunk's number of samples and added
     /// over the chunks.
     cross: Vec<[f64; CROSS]>,
-    rays: Rays,
+    pub(crate) rays: Rays,
     broken: u64,
     cut: u64,
     behind: u64,

@@ -1,6 +1,6 @@
 //! Camera rays.
 
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use glam::{DVec3, Vec3};
 use serde::Serialize;
@@ -8,6 +8,7 @@ use serde::Serialize;
 use super::silhouette::Silhouette;
 use crate::geometry::bvh::Ray;
 use crate::geometry::sampling::{Points, hash, stream};
+use crate::render::transport::path::guide::Guide;
 use crate::render::transport::scene::frame::in_scene_frame;
 use crate::render::transport::scene::objects::Objects;
 use crate::render::transport::scene::supports::Ground;
@@ -42,6 +43,8 @@ pub(crate) struct CameraRays<'a> {
     pub(crate) spread: f32,
     pub(crate) seed: u64,
     pub(crate) ground: &'a Ground,
+    /// Guide of the light samples of the receiver.
+    guide: Arc<Option<Guide>>,
     /// Side, in pixels, of the square blocks into which the image is divided. One pixel of each block is traced.
     coarse_px: u32,
     /// Silhouette of the objects, computed on first use.
@@ -66,9 +69,29 @@ impl<'a> CameraRays<'a> {
             spread,
             seed,
             ground,
+            guide: Arc::new(None),
             coarse_px,
             silhouette: OnceLock::new(),
         }
+    }
+
+    /// Chooses the light samples of the receiver by a guide.
+    pub(crate) fn guided(self, guide: Arc<Option<Guide>>) -> Self {
+        Self { guide, ..self }
+    }
+
+    /// Guide of the light samples of the receiver.
+    pub(crate) fn guide(&self) -> Option<&Guide> {
+        Option::as_ref(&self.guide)
+    }
+
+    /// Rays through `count` positions that are spread over the image. They do not depend on the seed.
+    pub(crate) fn spread_over_image(&self, count: u32) -> impl Iterator<Item = Ray> + '_ {
+        let size = [self.camera.width_px, self.camera.height_px].map(f64::from);
+        (0..count).map(move |number| {
+            let [x, y] = Points::new(0, number).pair(0).map(f64::from);
+            self.through(x * size[0], y * size[1])
+        })
     }
 
     /// Pixel that represents a block: the pixel at the centre of the block, or, if this is outside the image, the

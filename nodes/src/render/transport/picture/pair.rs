@@ -15,9 +15,8 @@ use crate::geometry::bvh::{Hit, Ray, Steps};
 use crate::render::transport::path::change::{ChangeSampling, estimates_change, rays_towards};
 use crate::render::transport::path::first_vertex::FirstVertex;
 use crate::render::transport::path::integrator::{Integrator, Pass, Scene};
-use crate::render::transport::path::path::{Vertex, first_pair};
+use crate::render::transport::path::path::Vertex;
 use crate::render::transport::path::rays::Rays;
-use crate::render::transport::sky::light_draws::LightDraws;
 
 /// Index of the pair of sample dimensions that decides the coverage of blended surfaces for camera rays.
 const BLENDED: u32 = 5 << 17;
@@ -82,17 +81,15 @@ pub(crate) fn trace_pair(
     let distributions = if far && tile_sampling.is_none() { tile.distributions() } else { None };
     let (distributions, lights, probability) = match &tile_sampling {
         Some(TileSampling { distributions, lights, probability }) => {
-            (Some(distributions.each_ref()), *lights, *probability)
+            (Some(distributions.each_ref()), Some(*lights), *probability)
         }
-        None => (distributions.as_ref().map(|distributions| distributions.each_ref()), scene.sky.lights, 1.0),
+        None => (distributions.as_ref().map(|distributions| distributions.each_ref()), None, 1.0),
     };
-    let mut draws = LightDraws::new(scene.sky, lights, first_pair(0), {
-        tile.samples.iter().map(|sample| {
-            let hit = sample.hit.filter(|_| far && estimates_change(&sample.points, probability))?;
-            let usual = || scene.sky.distributions(Some(scene.receiver.facing(&hit)));
-            Some((sample.points, distributions.unwrap_or_else(usual)))
-        })
-    });
+    let first = |sample: &Sample| {
+        let hit = sample.hit.filter(|_| far && estimates_change(&sample.points, probability))?;
+        Some((sample.points, hit))
+    };
+    let mut draws = tile.first_draws(distributions, lights, tile.samples.iter().map(first));
     let samples = tile.samples.chunks_exact((range.1 - range.0) as usize);
     for ((samples, pixel), without) in samples.zip(pixels).zip(r0.chunks_exact(R0)) {
         let mut sums = [0.0; PAIR];

@@ -5,14 +5,12 @@ use glam::Vec3;
 use super::film::R0;
 use super::film::TileSums;
 use super::sums::{add, squared_luminance};
-use super::tile::Tile;
+use super::tile::{Sample, Tile};
 use super::tile_bounds::TileBounds;
 use crate::geometry::bvh::{Hit, Steps};
 use crate::render::transport::path::first_vertex::FirstVertex;
 use crate::render::transport::path::integrator::Scene;
-use crate::render::transport::path::path::first_pair;
 use crate::render::transport::path::receiver_paths::{ReceiverPaths, TOGETHER};
-use crate::render::transport::sky::light_draws::LightDraws;
 
 /// Traces the receiver without the objects, over a tile with `each` samples per pixel. Under near light, also
 /// returns the first vertices of the samples that show the receiver, in order.
@@ -22,14 +20,9 @@ pub(crate) fn trace_r0(scene: Scene<'_>, tile: &Tile<'_>, each: usize) -> (TileS
     let distributions = distributions.as_ref().map(|distributions| distributions.each_ref());
     // Near light is sampled differently.
     let far = scene.rules.near.is_none();
-    let mut draws = LightDraws::new(scene.sky, scene.sky.lights, first_pair(0), {
-        tile.samples.iter().map(|sample| {
-            let hit = sample.hit.filter(|_| far)?;
-            let usual = || scene.sky.distributions(Some(scene.receiver.facing(&hit)));
-            Some((sample.points, distributions.unwrap_or_else(usual)))
-        })
-    });
-    let mut paths = ReceiverPaths::new(scene);
+    let first = |sample: &Sample| Some((sample.points, sample.hit.filter(|_| far)?));
+    let mut draws = tile.first_draws(distributions, None, tile.samples.iter().map(first));
+    let mut paths = ReceiverPaths::new(scene).guided(tile.guide);
     let mut firsts = Vec::with_capacity(if far { 0 } else { tile.samples.len() });
     let mut lights = Vec::with_capacity(tile.samples.len());
     for samples in tile.samples.chunks(TOGETHER) {

@@ -6,10 +6,13 @@ use super::camera_rays::CameraRays;
 use crate::geometry::bvh::{Hit, Ray};
 use crate::geometry::sampling::Points;
 use crate::render::transport::path::change::rays_towards;
+use crate::render::transport::path::guide::{FIRST_LIGHTS, Guide};
 use crate::render::transport::path::integrator::Scene;
+use crate::render::transport::path::path::first_pair;
 use crate::render::transport::sky::cone::Cone;
-use crate::render::transport::sky::environment::TIERS;
+use crate::render::transport::sky::environment::{Distributions, TIERS};
 use crate::render::transport::sky::light_distribution::LightDistribution;
+use crate::render::transport::sky::light_draws::LightDraws;
 
 /// Cosine of the angle of the widest cone of normals for which one distribution is used.
 const ALIKE: f32 = 0.99;
@@ -33,6 +36,8 @@ pub(crate) struct Sample {
 pub(crate) struct Tile<'a> {
     scene: Scene<'a>,
     pub(crate) samples: Vec<Sample>,
+    /// Guide of light samples.
+    pub(crate) guide: Option<&'a Guide>,
     /// Cone that contains the normals at all hits. `None` if the normals are not similar.
     normals: Option<Cone>,
 }
@@ -51,7 +56,7 @@ impl<'a> Tile<'a> {
     /// Casts the camera rays of the tile, pixel by pixel.
     pub(crate) fn new(
         scene: Scene<'a>,
-        camera_rays: &CameraRays<'_>,
+        camera_rays: &'a CameraRays<'_>,
         pixels: &[(u32, u32)],
         range: (u32, u32),
     ) -> Self {
@@ -65,12 +70,47 @@ impl<'a> Tile<'a> {
         let facing = |s: &Sample| s.hit.map(|hit| scene.receiver.facing(&hit));
         let landed = samples.iter().any(|s| s.hit.is_some());
         let normals = landed.then(|| Cone::around(samples.iter().filter_map(facing)));
-        Self { scene, samples, normals: normals.filter(|cone| cone.cosine > ALIKE) }
+        let guide = camera_rays.guide();
+        Self { scene, samples, guide, normals: normals.filter(|cone| cone.cosine > ALIKE) }
     }
 
-    /// Light distributions of the tile. `None` unless one distribution serves all of its normals.
+    /// Light distributions of the tile. `None` unless one distribution serves all of its normals. With a guide, each
+    /// point has its own.
     pub(crate) fn distributions(&self) -> Option<[LightDistribution; TIERS]> {
-        self.normals.map(|cone| self.scene.sky.distributions_within(Some(cone), &Cone::ALL))
+        self.normals
+            .filter(|_| self.guide.is_none())
+            .map(|cone| self.scene.sky.distributions_within(Some(cone), &Cone::ALL))
+    }
+
+    /// Light samples of the first vertices. `vertices` contains the points and the hit of each sample, or `None` for a
+    /// sample without light samples. `distributions` contains those of the tile, if it has any, and `lights` the
+    /// number of samples per tier. If `lights` is `None`, the samples are those of the receiver alone.
+    pub(crate) fn first_draws<'b>(
+        &self,
+        distributions: Option<Distributions<'b>>,
+        lights: Option<[u32; TIERS]>,
+        vertices: impl Iterator<Item = Option<(Points, Hit)>>,
+    ) -> LightDraws<'b, impl Iterator<Item = Option<(Points, Distributions<'b>)>>>
+    where
+        'a: 'b,
+    {
+        let (scene, guide) = (self.scene, self.guide);
+        let vertices = vertices.map(move |vertex| {
+            let (points, hit) = vertex?;
+            let usual = || {
+                let normal = scene.receiver.facing(&hit);
+                match guide {
+                    Some(guide) => guide.distributions(scene.sky, scene.receiver.start(&hit), normal),
+                    None => scene.sky.distributions(Some(normal)),
+                }
+            };
+            Some((points, distributions.unwrap_or_else(usual)))
+        });
+        if guide.is_some() && lights.is_none() {
+            LightDraws::mixed(scene.sky, FIRST_LIGHTS, first_pair(0), vertices)
+        } else {
+            LightDraws::new(scene.sky, lights.unwrap_or(scene.sky.lights), first_pair(0), vertices)
+        }
     }
 
     /// Parameters for sampling the change, given the origins of rays to objects. `None` if the objects may be in

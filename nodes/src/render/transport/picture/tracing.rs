@@ -20,6 +20,7 @@ use super::prepared::PreparedScene;
 use super::r0::trace_r0;
 use super::sample_plan::ErrorGoal;
 use super::tile::Tile;
+use crate::render::transport::path::guide::{Guide, LEARNT_PATHS};
 use crate::render::transport::path::integrator::Scene;
 use crate::render::transport::path::light_points::LightPoints;
 use crate::render::transport::path::visibility::Rules;
@@ -119,6 +120,18 @@ impl<'a> Tracing<'a> {
         CameraRays::new(camera, self.prepared.origin, self.cx.seed(), &self.objects.ground, coarse_px)
     }
 
+    /// Guide of the light samples of the receiver, as a camera sees it. `None` if a guide is of no use.
+    fn guide(&self, camera: &Camera) -> Result<Arc<Option<Guide>>, NodeError> {
+        let part = Part { name: "guide", version: 1, inputs: &["receiver", "env"] };
+        let extra = (CameraParams::of(camera), self.rules, self.prepared.origin.to_array());
+        let bytes = |guide: &Option<Guide>| guide.as_ref().map_or(0, Guide::bytes);
+        self.cx.in_memory(part, &extra, bytes, || {
+            let camera_rays = self.camera_rays(camera, 1);
+            let scene = Scene { light_points: None, ..self.scene() };
+            Guide::learn(scene, camera_rays.spread_over_image(LEARNT_PATHS), Some(self.cx))
+        })
+    }
+
     /// Values in the key of a part that contains the receiver alone.
     fn of_receiver<'s>(&'s self, camera: &'s Camera, area: Area, range: Range) -> Extra<'s> {
         Extra {
@@ -164,14 +177,14 @@ impl<'a> Tracing<'a> {
     ) -> Result<(), NodeError> {
         let (cx, camera) = (self.cx, camera_rays.camera);
         let ahead = Cell::new(None);
-        let part = Part { name: "r0", version: 11, inputs: &["receiver", "env"] };
+        let part = Part { name: "r0", version: 12, inputs: &["receiver", "env"] };
         let r0 = cx.part(part, &self.of_receiver(camera, area, range), || {
             let (r0, pair) = self.trace_both(camera_rays, (area, range), step)?;
             ahead.set(pair);
             Ok(r0)
         })?;
         expect_size(&r0, area, R0)?;
-        let part = Part { name: "pair", version: 21, inputs: &["receiver", "objects", "env"] };
+        let part = Part { name: "pair", version: 22, inputs: &["receiver", "objects", "env"] };
         let pair =
             cx.part(part, &self.of_objects(camera, area, range, self.limit()), || match ahead.take() {
                 Some(pair) => {
@@ -264,7 +277,8 @@ impl<'a> Tracing<'a> {
     /// Traces the image of a camera, which has index `number` in the rig.
     pub(crate) fn picture(&self, number: usize, camera: &Camera) -> Result<FinishedView, NodeError> {
         let most = self.settings.most;
-        let camera_rays = self.camera_rays(camera, self.settings.coarse_px);
+        let guide = self.guide(camera)?;
+        let camera_rays = self.camera_rays(camera, self.settings.coarse_px).guided(guide.clone());
         let whole = Area::whole(camera).in_blocks(self.settings.coarse_px);
         // Without a target error all chunks are taken.
         let chunks = chunks(most);
@@ -286,6 +300,9 @@ impl<'a> Tracing<'a> {
         let blocks = |done: f32| progress(share + (1.0 - share) * done);
         let reached = goal.map(|goal| goal.reach(&mut accumulator, more, blocks)).transpose()?;
         let front = self.first_hits(&camera_rays, whole)?;
+        if let Some(guide) = &*guide {
+            accumulator.rays += guide.rays;
+        }
         Ok(finish(camera, self.settings.coarse_px, &accumulator, &front, reached))
     }
 }

@@ -101,6 +101,11 @@ impl CellGrid {
         self.powers.iter().map(|[power, _]| power).sum()
     }
 
+    /// Power of each cell, row by row.
+    pub fn powers(&self) -> impl ExactSizeIterator<Item = f64> + '_ {
+        self.powers.iter().map(|[power, _]| *power)
+    }
+
     /// Writes to `weights` the contribution of each cell of a row to surfaces whose normals lie in the cone
     /// `normals`. `None` means surfaces that are lit from all sides. Cells that do not overlap the cone of
     /// directions `to` contribute 0. Returns the solid angle of the contributing cells.

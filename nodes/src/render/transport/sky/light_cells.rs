@@ -120,23 +120,31 @@ impl LightCells {
     /// Distribution for a surface with the given unit normal. `None` means surfaces that are lit from all sides.
     #[inline]
     pub fn distribution(&self, normal: Option<Vec3>) -> &LightDistribution {
-        self.distributions.of(&self.grid, normal)
+        self.distributions.of(&self.grid, normal, None)
     }
 
     /// Takes the first step of a choice: a cell and a texel row of the cell. The two steps are taken for several
     /// points at once, so that memory accesses overlap.
     #[inline(always)]
     pub fn row<S: Simd>(&self, simd: S, distribution: &LightDistribution, point: [f64; 2]) -> RowChoice {
-        let (row, column, [v, u]) = distribution.choose(simd, point);
+        let (row, column, place) = distribution.choose(simd, point);
+        let probability = distribution.probability(row, column);
+        self.row_of_cell(simd, (row, column), place, probability)
+    }
+
+    /// Chooses a texel row of a cell, given by its row and column. The probability of the cell is passed on.
+    #[inline(always)]
+    pub fn row_of_cell<S: Simd>(
+        &self,
+        simd: S,
+        (row, column): (usize, usize),
+        [v, u]: [f64; 2],
+        probability: f32,
+    ) -> RowChoice {
         let (rows, columns) = self.texels_of(row, column);
         let (y, v) = invert(simd, &self.down[column * self.height + rows.start..], rows.len(), v);
         let columns = [columns.start as u32, columns.end as u32];
-        RowChoice {
-            y: (rows.start + y) as u32,
-            columns,
-            place: [u, v],
-            probability: distribution.probability(row, column),
-        }
+        RowChoice { y: (rows.start + y) as u32, columns, place: [u, v], probability }
     }
 
     /// Reads the data that [`texel`](Self::texel) will search, so that the memory accesses of many choices overlap.

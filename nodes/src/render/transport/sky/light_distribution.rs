@@ -132,6 +132,11 @@ impl LightDistribution {
     /// Computes the distribution for surfaces whose normals lie in the cone `normals`, over the cells that overlap
     /// the cone of directions `to`. `None` means surfaces that are lit from all sides.
     pub fn new(grid: &CellGrid, normals: Option<Cone>, to: &Cone) -> Self {
+        Self::scaled(grid, normals, to, None)
+    }
+
+    /// Same as [`new`](Self::new), with the weight of each cell, row by row, multiplied by its factor.
+    fn scaled(grid: &CellGrid, normals: Option<Cone>, to: &Cone, factors: Option<&[f32]>) -> Self {
         let (rows, columns) = (grid.rows(), grid.columns);
         let [starts, stride] = [rows, columns].map(|length| length.next_multiple_of(LANES));
         let cumulative = vec![f32::INFINITY; starts + rows * stride + LANES];
@@ -146,6 +151,10 @@ impl LightDistribution {
         let (mut weights, mut of_rows) = (vec![0.0; columns], vec![0.0; rows]);
         for (row, of_row) in of_rows.iter_mut().enumerate() {
             distribution.area += grid.weigh(row, normals.as_ref(), to, &mut weights);
+            if let Some(factors) = factors {
+                let factors = &factors[row * columns..][..columns];
+                weights.iter_mut().zip(factors).for_each(|(weight, factor)| *weight *= f64::from(*factor));
+            }
             *of_row = narrow(&weights, &mut to_columns[row * stride..][..stride]);
         }
         distribution.power = narrow(&of_rows, to_rows);
@@ -177,7 +186,7 @@ impl LightDistribution {
 /// One distribution for each bin of normals, and one for surfaces lit from all sides. Each is made on first
 /// use.
 #[derive(Debug)]
-pub struct LightTable(Vec<OnceLock<LightDistribution>>);
+pub struct LightTable(Vec<OnceLock<Box<LightDistribution>>>);
 
 impl LightTable {
     /// Creates an empty table.
@@ -185,12 +194,15 @@ impl LightTable {
         Self((0..=ANY).map(|_| OnceLock::new()).collect())
     }
 
-    /// Distribution over the cells of a grid, for surfaces with the given unit normal. The grid must be the same in
-    /// all calls.
+    /// Distribution over the cells of a grid, for surfaces with the given unit normal. If there are `factors`, the
+    /// weight of each cell, row by row, is multiplied by its factor. Grid and factors must be the same in all calls.
     #[inline]
-    pub fn of(&self, grid: &CellGrid, normal: Option<Vec3>) -> &LightDistribution {
+    pub fn of(&self, grid: &CellGrid, normal: Option<Vec3>, factors: Option<&[f32]>) -> &LightDistribution {
         let at = bin(normal);
-        self.0[at].get_or_init(|| LightDistribution::new(grid, (at < ANY).then(|| normals(at)), &Cone::ALL))
+        self.0[at].get_or_init(|| {
+            let normals = (at < ANY).then(|| normals(at));
+            Box::new(LightDistribution::scaled(grid, normals, &Cone::ALL, factors))
+        })
     }
 }
 
@@ -294,7 +306,7 @@ mod tests {
         let (grid, table) = (CellGrid::new(&cells, 8), LightTable::new());
         for i in 0..4_000 {
             let normal = direction(i, 2);
-            let distribution = table.of(&grid, Some(normal));
+            let distribution = table.of(&grid, Some(normal), None);
             let total: f32 = (0..64).map(|k| distribution.probability(k / 8, k % 8)).sum();
             assert!((total - 1.0).abs() < 1e-5);
             let ideal: f32 = cells.iter().map(|c| c.cone.axis.dot(normal).max(0.0)).sum();

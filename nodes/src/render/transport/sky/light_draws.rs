@@ -130,14 +130,25 @@ impl EnvironmentLight {
     }
 }
 
+/// Numbers of light samples of a vertex.
+#[derive(Debug, Clone, Copy)]
+enum Lights {
+    /// A fixed number in each tier.
+    Tiers([u32; TIERS]),
+    /// A fixed number, each in a tier that is chosen in proportion to the power of the tier's distribution.
+    Mixed(u32),
+}
+
 /// Light samples of successive vertices, drawn in batches.
 pub struct LightDraws<'a, V> {
     sky: &'a EnvironmentLight,
-    lights: [u32; TIERS],
+    lights: Lights,
     pair: u32,
     vertices: V,
-    /// Samples to be drawn for the batch.
+    /// Samples to be drawn for the batch, if the number of samples in each tier is fixed.
     wanted: Vec<Wanted<'a>>,
+    /// Samples to be drawn for the batch, if the tier of each is chosen.
+    placed: Vec<PlacedDraw<'a>>,
     /// Drawn samples of the batch.
     draws: Vec<DrawnDirection>,
     /// For each vertex of the batch, the end of its samples in `draws`.
@@ -153,8 +164,18 @@ impl<'a, V: Iterator<Item = Option<(Points, Distributions<'a>)>>> LightDraws<'a,
     /// Creates the light samples of `vertices`. `lights` contains the number of samples in each tier. The samples
     /// use the pair of sample dimensions with index `pair`, offset for each tier.
     pub fn new(sky: &'a EnvironmentLight, lights: [u32; TIERS], pair: u32, vertices: V) -> Self {
-        let (wanted, draws, ends) = (Vec::new(), Vec::new(), Vec::new());
-        Self { sky, lights, pair, vertices, wanted, draws, ends, asked: 0 }
+        Self::of(sky, Lights::Tiers(lights), pair, vertices)
+    }
+
+    /// Creates `count` light samples of each vertex, a power of 2. The tier of each sample is chosen in proportion to
+    /// the power of the tier's distribution.
+    pub fn mixed(sky: &'a EnvironmentLight, count: u32, pair: u32, vertices: V) -> Self {
+        Self::of(sky, Lights::Mixed(count), pair, vertices)
+    }
+
+    fn of(sky: &'a EnvironmentLight, lights: Lights, pair: u32, vertices: V) -> Self {
+        let (wanted, placed, draws, ends) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        Self { sky, lights, pair, vertices, wanted, placed, draws, ends, asked: 0 }
     }
 
     /// Samples of the next vertex, tier after tier; empty if there is no further vertex.
@@ -170,14 +191,46 @@ impl<'a, V: Iterator<Item = Option<(Points, Distributions<'a>)>>> LightDraws<'a,
 
     fn draw(&mut self) {
         self.asked = 0;
-        self.wanted.clear();
+        self.draws.clear();
         self.ends.clear();
+        match self.lights {
+            Lights::Tiers(lights) => self.draw_tiers(lights),
+            Lights::Mixed(count) => self.draw_mixed(count),
+        }
+    }
+
+    fn draw_mixed(&mut self, count: u32) {
+        self.placed.clear();
+        let (sky, pair) = (self.sky, self.pair);
+        let mut bits = Vec::with_capacity(count as usize);
+        for vertex in self.vertices.by_ref().take(TOGETHER) {
+            if let Some((points, distributions)) = vertex
+                && distributions.iter().any(|distribution| distribution.power > 0.0)
+            {
+                let numbers = sky.numbers(distributions, None);
+                let twigs: Vec<Points> = (0..count).map(|k| points.twig(k, count)).collect();
+                bits.clear();
+                sky.bits_each(&twigs, pair, &mut bits);
+                self.placed.extend(bits.iter().map(|bits| {
+                    let (tier, point) = sky.tier(numbers, *bits);
+                    let number = numbers[tier] * count as f32;
+                    PlacedDraw { tier, distribution: distributions[tier], number, point }
+                }));
+            }
+            self.ends.push(self.placed.len());
+        }
+        let draws = &mut self.draws;
+        sky.draw_placed(&self.placed, |drawn| draws.push(drawn));
+    }
+
+    fn draw_tiers(&mut self, lights: [u32; TIERS]) {
+        self.wanted.clear();
         for vertex in self.vertices.by_ref().take(TOGETHER) {
             if let Some((points, distributions)) = vertex {
                 // The same as `wanted`, but one tier at a time, so that the number of samples is known.
                 for (tier, distribution) in distributions.into_iter().enumerate() {
                     if distribution.power > 0.0 {
-                        let number = self.lights[tier];
+                        let number = lights[tier];
                         self.wanted.extend(Wanted::each((tier, distribution), number, points, self.pair));
                     }
                 }
@@ -185,7 +238,6 @@ impl<'a, V: Iterator<Item = Option<(Points, Distributions<'a>)>>> LightDraws<'a,
             self.ends.push(self.wanted.len());
         }
         let draws = &mut self.draws;
-        draws.clear();
         self.sky.draw_each(&self.wanted, |drawn| draws.push(drawn));
     }
 }
@@ -209,8 +261,8 @@ mod tests {
     }
 
     /// A batch gives the same samples of each vertex as if the vertex were alone, and every SIMD level gives the
-    /// same bits. This test fails if `draw_each_at` draws the first sample in every lane, or if `draws.clear()` is
-    /// left out.
+    /// same bits. This test fails if `draw_each_at` draws the first sample in every lane, or if `self.draws.clear()`
+    /// is left out.
     #[test]
     fn drawn_together_is_drawn_alone() {
         let sky = sky();

@@ -240,6 +240,16 @@ impl EnvironmentLight {
         })
     }
 
+    /// Samples a direction of one cell of a tier, in proportion to light, from two 32-bit random numbers. The cell is
+    /// given by its row and column.
+    pub fn direction_in(&self, tier: usize, cell: (usize, usize), point: [u32; 2]) -> Vec3 {
+        dispatch!(self.level, simd => {
+            let place = [fraction(point[0]), fraction(point[1])];
+            let row = self.tiers[tier].row_of_cell(simd, cell, place, 1.0);
+            self.found(simd, tier, &row, 1.0).direction
+        })
+    }
+
     /// Completes the choice of a texel that [`LightCells::row`] began. The tier takes `number` light samples.
     #[inline(always)]
     pub(crate) fn found<S: Simd>(
