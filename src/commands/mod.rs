@@ -1,6 +1,7 @@
 //! The commands of the program, such as `run` and `check`, with one file or folder for each.
 
 mod action;
+mod bench;
 mod cache;
 mod check;
 mod completions;
@@ -47,7 +48,7 @@ mistake in the graph or the command line; 3 done, but degraded (a note explains 
 const GROUPS: [(&str, &[&str]); 5] = [
     ("Begin", &["init", "nodes", "inspect", "convert"]),
     ("Run a graph", &["run", "watch", "check", "plan", "explain", "show", "pick", "graph"]),
-    ("Trade work for accuracy", &["knobs", "tune", "report"]),
+    ("Measure", &["knobs", "tune", "report", "bench"]),
     ("Share and reproduce", &["pack", "unpack", "verify", "lock", "diff", "action", "key", "export"]),
     ("Maintain", &["cache", "completions", "manual", "train-exposure"]),
 ];
@@ -90,6 +91,8 @@ enum Verb {
     Tune(tune::Tune),
     /// Write a page on what a graph costs, how large its error is, and which node causes it
     Report(report::MakeReport),
+    /// Score insertions into scenes whose truth is known
+    Bench(bench::Bench),
     /// Show why a node would run again, and what its key consists of
     Explain(explain::Explain),
     /// Show how two graphs, bundles or pictures differ
@@ -204,6 +207,7 @@ impl Command {
             Verb::Knobs(verb) => verb.run(),
             Verb::Tune(verb) => verb.run(),
             Verb::Report(verb) => verb.run(),
+            Verb::Bench(verb) => verb.run(),
             Verb::Explain(verb) => verb.run(),
             Verb::Nodes(verb) => verb.run(),
             Verb::Show(verb) => verb.run(),

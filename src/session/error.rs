@@ -85,6 +85,15 @@ impl From<trade::Error> for Error {
     }
 }
 
+impl From<benchmark::Error> for Error {
+    fn from(error: benchmark::Error) -> Self {
+        match error {
+            benchmark::Error::Write(error) => error.into(),
+            other => Self::Usage(other.to_string()),
+        }
+    }
+}
+
 impl From<cache::Error> for Error {
     fn from(error: cache::Error) -> Self {
         Self::Cache(causes(error))

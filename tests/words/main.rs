@@ -27,6 +27,7 @@ const HELD: &[&str] = &[
     "nodes",
     "src",
     "tests",
+    "benchmark",
     "trade",
 ];
 

@@ -117,6 +117,21 @@ impl Page {
         self.body.push_str("</div>\n");
     }
 
+    /// Adds pictures in files side by side, each with its path relative to the page and its caption. The browser loads
+    /// a picture when it is scrolled into view.
+    pub fn linked(&mut self, pictures: &[(String, String)]) {
+        self.body.push_str("<div class=\"row\">\n");
+        for (path, caption) in pictures {
+            let _ = writeln!(
+                self.body,
+                "<figure><img loading=\"lazy\" alt=\"{1}\" src=\"{0}\"><figcaption>{1}</figcaption></figure>",
+                escaped(path),
+                escaped(caption)
+            );
+        }
+        self.body.push_str("</div>\n");
+    }
+
     /// Adds plots side by side, as many per row as fit.
     pub fn plots(&mut self, plots: &[(&str, String)]) {
         self.body.push_str("<div class=\"row plots\">\n");
