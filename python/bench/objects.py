@@ -134,7 +134,8 @@ def trophy():
 
 def glass():
     """Glass: a thick tumbler."""
-    profile = [(0, 0), (0.12, 0), (0.15, 0.5), (0.13, 0.5), (0.108, 0.09), (0.0, 0.08)]
+    # The bottom is 4 mm above the rim on which it stands: coplanar surfaces of glass and ground would be ambiguous.
+    profile = [(0, 0.004), (0.112, 0.004), (0.12, 0), (0.15, 0.5), (0.13, 0.5), (0.108, 0.09), (0.0, 0.08)]
     return [(smooth_lathe(profile), look((0.93, 0.98, 0.96), 0.0, 0.0, transmission=1.0, ior=1.5))]
 
 
