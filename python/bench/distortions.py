@@ -40,7 +40,8 @@ class Truth:
         rows, columns = np.where(cover) if cover.any() else (np.arange(2), np.arange(2))
         self.box = rows.min(), rows.max(), columns.min(), columns.max()
         # Pixels per centimetre of an object of 50 cm, at the distance of the object.
-        frames = {pathlib.Path(f["file_path"]).stem: f for f in (rig := json.loads((case / "views.json").read_text()))["frames"]}
+        rig = json.loads((case / "views.json").read_text())
+        frames = {pathlib.Path(f["file_path"]).stem: f for f in rig["frames"]}
         eye = np.array(frames[view]["transform_matrix"])[:3, 3]
         pose = self.about["pose"]
         distance = np.linalg.norm(eye - np.array(pose["translation"]))

@@ -253,7 +253,7 @@ def street(name, tags, seed, sky, lamps=False, **more):
     place.add(box("blue", (3.6, -half + 0.6, 0.25), (7.2, -half + 2.2, 1.0)), box("blue", (4.3, -half + 0.7, 1.0), (6.4, -half + 2.1, 1.5)))
     place.add(box("green", (-4.4, half - 0.7, 0.12), (-3.4, half - 0.2, 0.9)))
     if lamps:
-        place.looks["bulb"] = Look(WARM, emission=60.0)
+        place.looks["bulb"] = Look(WARM, emission=200.0)
         for i in (-1, 1):
             p = (i * 3.2 + 0.3, 2.6, 0.12)
             place.add(cylinder("dark", p, 0.06, 3.0), sphere("bulb", (p[0], p[1], 3.3), 0.16))

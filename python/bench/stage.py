@@ -239,8 +239,10 @@ class Stage:
         cycles = self.scene.cycles
         cycles.filter_width, cycles.max_bounces = filter_px, bounces
 
-    def render(self, samples, seed, depth=False, denoise=False):
-        """Linear light (h, w, 4), premultiplied, and with `depth` also the planar depth (h, w), +inf where there is nothing."""
+    def render(self, samples, seed, depth=False, denoise=False, extra=None):
+        """Linear light (h, w, 4), premultiplied, and with `depth` also the planar depth (h, w), +inf where there is nothing.
+
+        `extra` names another layer whose colours (h, w, 3) are given in place of the light."""
         cycles = self.scene.cycles
         cycles.samples, cycles.seed, cycles.use_denoising = samples, seed % 2 ** 31, denoise
         if denoise:
@@ -250,7 +252,10 @@ class Stage:
             self.scene.render.filepath = os.path.join(folder, "picture.exr")
             with quiet():
                 bpy.ops.render.render(write_still=True)
-            layers = pictures.read_layers(self.scene.render.filepath, {"Combined": "RGBA", **({"Depth": "Z"} if depth else {})})
+            layers = pictures.read_layers(self.scene.render.filepath,
+                                         {extra: "RGB"} if extra else {"Combined": "RGBA", **({"Depth": "Z"} if depth else {})})
+        if extra:
+            return layers[extra]
         if not depth:
             return layers["Combined"]
         z = layers["Depth"][..., 0]
