@@ -48,7 +48,7 @@ class Quality:
 
 
 FULL = Quality()
-SMALL = Quality(size=(120, 80), views=2, photos=12, photo_samples=32, samples=64, bound=0.006, limit=6, denoise=True,
+SMALL = Quality(size=(120, 80), views=2, photos=12, photo_samples=32, samples=64, bound=0.01, limit=8, denoise=True,
                 panorama=256, panorama_samples=32, panorama_bound=0.02, alpha_samples=128)
 
 
@@ -111,7 +111,7 @@ class Maker:
         """Factor of all lights, a power of two in steps of a quarter, so that the pictures are exposed at EV 0.
 
         The 90th percentile of the brightest channel becomes 0.7 (0.4 at dusk), measured in small pictures."""
-        file = self.work / "light.json"
+        file = self.work / "factor.json"
         if not file.exists():
             stage = self.stage(light=1.0)
             small = cameras.lens(self.q.size[0] // 4, self.q.size[1] // 4, cameras.FOV_PHOTO_DEG)

@@ -151,6 +151,15 @@ class Cameras(unittest.TestCase):
         self.assertAlmostEqual(local[2], depth[0])
 
 
+    def test_a_box_blocks_what_is_behind_it(self):
+        box = [(np.array([-0.5, -0.5, 0.0]), np.array([0.5, 0.5, 1.0]))]
+        self.assertTrue(cameras.blocked((3, 0, 0.5), (-3, 0, 0.5), box))
+        self.assertFalse(cameras.blocked((3, 0, 1.5), (-3, 0, 1.5), box), "above")
+        self.assertFalse(cameras.blocked((3, 0, 0.5), (1, 0, 0.5), box), "before")
+        self.assertFalse(cameras.blocked((3, 2, 0.5), (-3, 2, 0.5), box), "aside, parallel to an axis")
+        self.assertFalse(cameras.blocked((3, 0, 0.5), (6, 0, 0.5), box), "behind the eye")
+
+
 class Passes(unittest.TestCase):
     def test_the_difference_of_the_halves_is_twice_the_error_of_the_mean(self):
         with tempfile.TemporaryDirectory() as folder:
