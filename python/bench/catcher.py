@@ -26,7 +26,7 @@ def prepare(case_folder, case, threads, clipped, work):
     half = 6 * 0.5 * pose["scale"]
     at = pose["translation"]
     plane = Place("catcher", [], [rectangle("ground", (at[0] - half, at[1] - half, at[2]), (2 * half, 0, 0), (0, 2 * half, 0))],
-                  {"ground": Look((0.5, 0.5, 0.5))})
+                  {"ground": Look((0.3, 0.3, 0.3))})
     light = pictures.read_exr(case_folder / "truth/light.exr")
     file = work / "light.exr"
     pictures.write_exr(file, np.clip(light, 0, 1) if clipped else light)
@@ -53,7 +53,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("set", type=pathlib.Path)
     parser.add_argument("out", type=pathlib.Path)
-    parser.add_argument("--samples", type=int, default=128)
+    parser.add_argument("--samples", type=int, default=256)
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--clipped", action="store_true")
     arguments = parser.parse_args()

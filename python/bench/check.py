@@ -62,7 +62,7 @@ def agreement(points, frame, rig, depth):
     both = np.isfinite(nearest) & np.isfinite(depth)
     # A pixel may hold points of a hidden surface only: those lie behind the truth and are left out.
     ahead = both & (nearest < depth * 1.03)
-    return (np.abs(nearest / depth - 1) < 0.03)[ahead].mean(), both.mean()
+    return (np.abs(nearest[ahead] / depth[ahead] - 1) < 0.03).mean(), both.mean()
 
 
 def check(folder):

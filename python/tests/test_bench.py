@@ -268,6 +268,109 @@ def synthetic_case(folder, name="synthetic"):
     return folder / name
 
 
+class FakeStage:
+    """In place of Blender: a grey place with noise, true depth of its dense points, and a dark disc as the object."""
+    renders = 0
+
+    def __init__(self, place):
+        self.points = np.concatenate([p.mesh(0.05)[0] for p in place.parts])
+        self.shown = False
+
+    def insert(self, *_):
+        pass
+
+    def look(self, matrix, lens):
+        self.frame, self.rig = {"transform_matrix": np.array(matrix).tolist()}, lens
+
+    def look_around(self, _, width):
+        self.rig = {"w": width, "h": width // 2}
+
+    def show(self, objects):
+        self.shown = objects
+
+    def disc(self):
+        j, i = np.mgrid[:self.rig["h"], :self.rig["w"]]
+        return np.hypot(i - self.rig["w"] / 2, j - self.rig["h"] / 2)
+
+    def render(self, samples, seed, depth=False, denoise=False):
+        FakeStage.renders += 1
+        picture = 0.5 + 0.02 / samples ** 0.5 * np.random.default_rng(seed).standard_normal((self.rig["h"], self.rig["w"], 4))
+        if self.shown:
+            picture[self.disc() < 8] *= 0.5
+        return (picture, self.depth()) if depth else picture
+
+    def depth(self):
+        x, y, z = check.project(self.points, self.frame, self.rig)
+        nearest = np.full((self.rig["h"], self.rig["w"]), np.inf)
+        np.minimum.at(nearest, (y, x), z)
+        return nearest
+
+    def alpha(self, _):
+        return (self.disc() < 5).astype(float)
+
+
+class Making(unittest.TestCase):
+    def test_a_set_is_complete_is_continued_and_is_the_same_again(self):
+        quality = make.Quality(size=(60, 40), views=1, photos=6, photo_samples=4, samples=4, bound=0.004, limit=20, panorama=32,
+                               panorama_samples=4, panorama_bound=0.01)
+        place = next(p for p in places.all_places(1) if p.name == "room-gloss")
+
+        class Faked(make.Maker):
+            def stage(self, light=None):
+                self.stage_ = self.stage_ or FakeStage(self.place)
+                return self.stage_
+
+        def once(out, fail_at=None):
+            FakeStage.renders = 0
+            (out / "objects").mkdir(parents=True, exist_ok=True)
+            objects.write("glossy", out / "objects/glossy.glb")
+            maker = Faked(out, out.with_name(out.name + ".work"), place, ["glossy"], 1, quality, 1)
+            if fail_at:
+                real = FakeStage.render
+
+                def failing(self, *a, **k):
+                    if FakeStage.renders == fail_at:
+                        raise KeyboardInterrupt
+                    return real(self, *a, **k)
+                FakeStage.render = failing
+                try:
+                    with self.assertRaises(KeyboardInterrupt):
+                        maker.make()
+                finally:
+                    FakeStage.render = real
+                return
+            maker.make()
+            cameras.write_json(out / "set.json", {"cases": ["room-gloss-glossy"]})
+            make.sums(out)
+
+        with tempfile.TemporaryDirectory() as folder:
+            first, second = pathlib.Path(folder) / "a", pathlib.Path(folder) / "b"
+            say, make.say = make.say, lambda text: None
+            try:
+                once(first)
+                whole = FakeStage.renders
+                once(first)
+                self.assertEqual(FakeStage.renders, 0, "nothing is made again")
+                for stop in (3, 14, 21):
+                    once(second, fail_at=stop)
+                once(second)
+                self.assertLess(FakeStage.renders, whole)
+            finally:
+                make.say = say
+            made = {p.relative_to(first): p for p in first.rglob("*") if p.is_file()}
+            self.assertEqual(set(made), {p.relative_to(second) for p in second.rglob("*") if p.is_file()})
+            for name, file in made.items():
+                if name.suffix != ".json" and name.name != "SHA256SUMS":
+                    self.assertEqual(file.read_bytes(), (second / name).read_bytes(), name)
+            case = json.loads((first / "room-gloss-glossy/case.json").read_text())
+            self.assertEqual(set(case), {"version", "name", "scene", "tags", "object", "pose", "probe", "views", "mesh", "capture"})
+            reached = json.loads((first / "room-gloss-glossy/render.json").read_text())
+            self.assertIsInstance(reached["light_factor"], float)
+            self.assertTrue(all(p["reached"] and p["difference"] <= 0.01 for p in reached["pictures"].values()))
+            faults, _ = check.check(first)
+            self.assertEqual(faults, [])
+
+
 class Distortions(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
