@@ -224,13 +224,14 @@ class Capture(unittest.TestCase):
         every, all_faces = np.concatenate([vertices, below]), np.concatenate([faces, more + len(vertices)])
         lens, matrix = cameras.lens(64, 64, 60), cameras.look_at((0.01, 0, 3), (0, 0, 0))
         picture = np.zeros((64, 64, 3))
-        picture[:, :32, 0], picture[:, 32:, 1] = 0.5, 0.25
+        picture[:, :32, 0], picture[:, 32:, 1], picture[:32, :, 2] = 0.5, 0.25, 0.75
         colours, seen = capture.seen_colours(every, all_faces, [(picture, np.full((64, 64), 3.0), matrix, lens)], 0.02)
         self.assertTrue(seen[:len(vertices)].all())
         self.assertFalse(seen[len(vertices):].any(), "hidden by the surface above")
         side = (vertices - matrix[:3, 3]) @ matrix[:3, 0]
-        left, right = np.flatnonzero(side < -0.2), np.flatnonzero(side > 0.2)
-        np.testing.assert_allclose(colours[left], np.broadcast_to([0.5, 0, 0], (len(left), 3)))
+        up = (vertices - matrix[:3, 3]) @ matrix[:3, 1]
+        left, right = np.flatnonzero((side < -0.2) & (up > 0.2)), np.flatnonzero((side > 0.2) & (up < -0.2))
+        np.testing.assert_allclose(colours[left], np.broadcast_to([0.5, 0, 0.75], (len(left), 3)))
         np.testing.assert_allclose(colours[right], np.broadcast_to([0, 0.25, 0], (len(right), 3)))
         filled, known = capture.fill(colours, seen, all_faces)
         self.assertEqual(len(capture.kept(all_faces, known)), len(faces))
