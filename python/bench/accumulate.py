@@ -35,15 +35,18 @@ class Halves:
         return (self.sums[0] + self.sums[1]) / self.passes
 
     def difference(self, mask=None):
-        """RMSE between the means of the halves: pictures with independent seeds and half of the samples each.
+        """RMSE to expect between two pictures with independent seeds and as many samples as all passes have.
 
-        The error of the mean of all passes is about half of it. Infinite with fewer than two passes."""
+        It is that between the means of the halves, which have half of the samples each, over the square root of 2. The error
+        of the mean of all passes is smaller by that factor once more. With a mask, the larger value of the picture and the
+        mask. Infinite with fewer than two passes."""
         if self.passes < 2:
             return np.inf
         odd = self.passes // 2
         a, b = self.sums[0] / (self.passes - odd), self.sums[1] / odd
         whole = rmse(a, b)
-        return whole if mask is None or not mask.any() else max(whole, rmse(a, b, mask))
+        worst = whole if mask is None or not mask.any() else max(whole, rmse(a, b, mask))
+        return worst / 2 ** 0.5
 
 
 def converge(render, file, bound, limit, mask=None, seed=0, report=None):

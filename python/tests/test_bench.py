@@ -161,12 +161,14 @@ class Cameras(unittest.TestCase):
 
 
 class Passes(unittest.TestCase):
-    def test_the_difference_of_the_halves_is_twice_the_error_of_the_mean(self):
+    def test_the_difference_is_that_of_two_seeds(self):
         with tempfile.TemporaryDirectory() as folder:
             render = lambda seed: 0.5 + 0.01 * np.random.default_rng(seed).standard_normal((64, 64, 3))
             mean, difference, passes = accumulate.converge(render, f"{folder}/a.npz", 0.0, 8)
             self.assertEqual(passes, 8)
-            self.assertAlmostEqual(difference / (2 * accumulate.rmse(mean, np.full_like(mean, 0.5))), 1, delta=0.05)
+            self.assertAlmostEqual(difference / (2 ** 0.5 * accumulate.rmse(mean, np.full_like(mean, 0.5))), 1, delta=0.05)
+            other, _, _ = accumulate.converge(render, f"{folder}/b.npz", 0.0, 8, seed=100)
+            self.assertAlmostEqual(difference / accumulate.rmse(mean, other), 1, delta=0.05)
 
     def test_it_stops_at_the_bound_and_continues_with_the_same_result(self):
         with tempfile.TemporaryDirectory() as folder:
