@@ -314,7 +314,7 @@ class FakeStage:
 
 class Making(unittest.TestCase):
     def test_a_set_is_complete_is_continued_and_is_the_same_again(self):
-        quality = make.Quality(size=(60, 40), views=1, photos=6, photo_samples=4, samples=4, bound=0.004, limit=20, panorama=32,
+        quality = make.Quality(size=(60, 40), views=1, photos=6, photo_samples=4, samples=4, bound=0.0028, limit=20, panorama=32,
                                panorama_samples=4, panorama_bound=0.01)
         place = next(p for p in places.all_places(1) if p.name == "room-gloss")
 
