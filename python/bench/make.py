@@ -181,7 +181,9 @@ class Maker:
             stage.look(self.views[view], self.lens)
             stage.show(objects_)
             return stage.render(self.q.samples, seed, denoise=self.q.denoise)[..., :3]
-        return self.converge(name, render, self.q.bound, mask)
+        # The region of reflections is a threshold of 0.02, which needs no less noise than this.
+        bound = max(self.q.bound, 0.007) if objects_ == "unreflected" else self.q.bound
+        return self.converge(name, render, bound, mask)
 
     def panorama(self):
         def render(seed):
@@ -256,13 +258,13 @@ class Maker:
         samples, start = 8, time.process_time()
         a, b = (stage.render(samples, s)[..., :3] for s in (1, 2))
         cost = (time.process_time() - start) / (2 * samples * size[0] * size[1])
-        need = samples * (accumulate.rmse(a, b) / self.q.bound) ** 2
-        need = min(max(need, 2 * self.q.samples), self.q.limit * self.q.samples)
+        limited = lambda n: min(max(n, 2 * self.q.samples), self.q.limit * self.q.samples)
+        need, hidden = (limited(samples * (accumulate.rmse(a, b) / bound) ** 2) for bound in (self.q.bound, max(self.q.bound, 0.007)))
         if self.q.denoise:
             # The denoiser reaches the bound with the first two to four passes.
-            need = 4 * self.q.samples
+            need = hidden = 4 * self.q.samples
         pixels, shiny = self.q.size[0] * self.q.size[1], self.place.shiny()
-        pairs = self.q.views * (1 + len(self.objects) * (2 if shiny else 1)) * need * pixels
+        pairs = self.q.views * (need + len(self.objects) * (need + hidden * shiny)) * pixels
         photos = self.q.photos * self.q.photo_samples * pixels
         light = 4 * self.q.panorama_samples * self.q.panorama ** 2 / 2
         hours = cost * (pairs + photos + light) / 3600
