@@ -354,7 +354,7 @@ class Making(unittest.TestCase):
                 whole = FakeStage.renders
                 once(first)
                 self.assertEqual(FakeStage.renders, 0, "nothing is made again")
-                for stop in (3, 14, 21):
+                for stop in (3, 10, 12):
                     once(second, fail_at=stop)
                 once(second)
                 self.assertLess(FakeStage.renders, whole)
