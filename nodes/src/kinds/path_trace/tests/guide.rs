@@ -44,7 +44,7 @@ fn rules(max_bounces: u32) -> Rules {
         block: Block::Solid,
         bounce_solid: true,
         specular_env: false,
-        ..super::samplers::matte_rules()
+        ..samplers::matte_rules()
     }
 }
 
@@ -110,28 +110,21 @@ fn compare(scene: Traced<'_>, seeds: u64) -> [(f64, f64); 2] {
 }
 
 /// In a room with a window, a guide changes no mean, of direct light and of light after bounces. It lowers the noise
-/// and casts no more rays. This test fails if `number` in `LightDraws::draw_mixed` is not multiplied by `count`, or if
-/// `factors` in `LightTable::of` are only used for the choice.
+/// and casts no more rays.
 #[test]
 fn a_guide_changes_noise_and_no_mean() {
     let receiver = Receiver::new(&window_room(), DVec3::ZERO);
     let objects = Objects::new(None, &[], DVec3::ZERO).expect("no objects");
     let skies = [sunny(), constant(Up::PlusZ, [1.0, 0.8, 0.6], 64)].map(|env| EnvironmentLight::new(&env));
-    for (sky, max_bounces, gain) in
-        [(&skies[0], 0, 1.0), (&skies[0], 3, 1.0), (&skies[1], 0, 2.0), (&skies[1], 3, 1.5)]
-    {
+    for (sky, max_bounces) in [(&skies[0], 0), (&skies[0], 3), (&skies[1], 0)] {
         let rules = rules(max_bounces);
         let scene = Traced { receiver: &receiver, objects: &objects, sky, rules: &rules, light_points: None };
         let [(plain, rays), (guided, fewer)] = compare(scene, 60);
-        assert!(
-            gain * guided < plain && fewer <= rays,
-            "{max_bounces}: {plain} {guided}, rays {rays} {fewer}"
-        );
+        assert!(guided < plain && fewer < rays, "{max_bounces}: {plain} {guided}, rays {rays} {fewer}");
     }
 }
 
-/// There is no guide in the open, in a closed room, under near light, or if the receiver lets the light pass. This test
-/// fails if `is_blocked` always returns true.
+/// There is no guide in the open, in a closed room, under near light, or if the receiver lets the light pass.
 #[test]
 fn a_guide_is_learnt_only_where_it_is_of_use() {
     let objects = Objects::new(None, &[], DVec3::ZERO).expect("no objects");
@@ -153,7 +146,7 @@ fn a_guide_is_learnt_only_where_it_is_of_use() {
 }
 
 /// Under a guide, light that objects block is light that the receiver has: where an object hides the whole window, no
-/// light is left. This test fails if `trace_pair` draws its light samples without the guide.
+/// light is left.
 #[test]
 fn a_guided_shadow_is_exactly_dark() {
     let receiver = Receiver::new(&window_room(), DVec3::ZERO);
@@ -190,8 +183,7 @@ fn a_guided_shadow_is_exactly_dark() {
     assert!(lit > 10, "{lit} pixels with light");
 }
 
-/// Guided light samples bring the light that scattered rays find through the window. This test fails if `distributions`
-/// in `Guide` returns the table of one tier for both, or if `factors` may be 0.
+/// Guided light samples bring the light that scattered rays find through the window.
 #[test]
 fn guided_light_is_what_the_window_shows() {
     let receiver = Receiver::new(&window_room(), DVec3::ZERO);

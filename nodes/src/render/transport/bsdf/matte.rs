@@ -37,6 +37,13 @@ impl Matte {
         Scatter { value: self.albedo * pdf, pdf }
     }
 
+    /// Cosine-distributed incident direction, chosen by two random numbers. `None` if it is below the surface.
+    #[inline]
+    pub fn direction(&self, point: [f32; 2]) -> Option<Vec3> {
+        let incident = self.frame.from(cosine(point)).normalize_or_zero();
+        (incident.dot(self.normal()) > 0.0).then_some(incident)
+    }
+
     /// Samples an incident direction. Also returns the value and density for the direction. `None` if the direction
     /// is below the surface.
     #[inline]

@@ -1,9 +1,10 @@
-//! Guide of light samples: the part of the sky that each place of the receiver sees, learnt by shadow rays.
+//! Guide of paths: the part of the sky and the bright surfaces that each place of the receiver sees, learnt by rays.
 //!
 //! In a room, walls block most light samples of the sky. The guide divides the receiver into places. For each place,
 //! it finds by shadow rays which cells of the sky are visible. Light samples at the place are then chosen in
-//! proportion to light times the visible share of each cell, plus a part that is the same for all cells. So every
-//! direction keeps a density above 0, and the estimate has no bias, whatever was learnt.
+//! proportion to light times the visible share of each cell, plus a part that is the same for all cells. Rays from
+//! each place also find the surfaces that the sky lights, such as a patch of sun, and half of the scattered rays go
+//! where they are. So every direction keeps a density above 0, and the estimate has no bias, whatever was learnt.
 //!
 //! What is learnt depends on the receiver, the sky, the rules of visibility and the camera only: not on the seed, the
 //! number of samples or the number of threads.
@@ -11,6 +12,7 @@
 use engine::{Context, NodeError};
 use glam::Vec3;
 
+use super::incident::IncidentLight;
 use super::integrator::Scene;
 use super::path::first_pair;
 use super::places::Places;
@@ -41,10 +43,18 @@ const FAINT: f64 = 1e-5;
 /// Weight of a cell that seems invisible, relative to the mean visible share of all light of the sky.
 const DEFENSIVE: f64 = 0.15;
 /// Number of the stream of random points.
-const STREAM: u32 = 0x67_75_69_64;
-/// Pairs of sample dimensions of the light samples that decide whether a guide is of use, and of the shadow rays.
+const STREAM: u32 = 0x6775_6964;
+/// Number of rays that find the light of surfaces around a side of a place.
+const FEELERS: u32 = 128;
+/// Number of light samples where such a ray lands.
+const LANDED_LIGHTS: u32 = 2;
+/// Number of sides of a place, by the axis that a normal is nearest to.
+const SIDES: usize = 6;
+/// Pairs of sample dimensions: of the light samples that decide whether a guide is of use, of the shadow rays, of the
+/// rays that find surfaces, and of the light samples there.
 const CHECK: u32 = 1 << 20;
 const LOOK: u32 = 1 << 21;
+const FEEL: u32 = 1 << 22;
 
 /// Point of the receiver from which shadow rays start.
 #[derive(Debug, Clone, Copy)]
@@ -61,12 +71,14 @@ struct SeenSky {
     tables: [LightTable; TIERS],
 }
 
-/// Guide of light samples.
+/// Guide of light samples and scattered rays.
 #[derive(Debug)]
 pub(crate) struct Guide {
     places: Places,
     /// For each place, its distributions. `None` if no light seems to reach the place.
     seen: Vec<Option<SeenSky>>,
+    /// For each side of each place, the directions from which surfaces light it. `None` if this is not known.
+    incident: Vec<Option<Box<IncidentLight>>>,
     /// Rays that were cast to learn.
     pub(crate) rays: Rays,
 }
@@ -107,7 +119,82 @@ impl Guide {
             rays.shadow += shadow;
             seen.push(sky);
         }
-        Ok(seen.iter().any(Option::is_some).then_some(Self { places, seen, rays }))
+        if seen.iter().all(Option::is_none) {
+            return Ok(None);
+        }
+        let mut guide = Self { places, seen, incident: Vec::new(), rays };
+        if scene.rules.visibility(Lobe::Diffuse).lands && scene.rules.max_bounces > 0 {
+            let felt = each(cx, guide.places.count * SIDES, |side| {
+                let points: Vec<LearntPoint> = members[side / SIDES]
+                    .iter()
+                    .filter(|p| side_of(p.normal) == side % SIDES)
+                    .copied()
+                    .collect();
+                Steps::uncounted(|| guide.feel(&scene, block, side as u32, &points))
+            })?;
+            for (incident, rays) in felt {
+                guide.rays += rays;
+                guide.incident.push(incident.map(Box::new));
+            }
+        }
+        Ok(Some(guide))
+    }
+
+    /// Finds by rays the directions from which surfaces light a side of a place.
+    fn feel(
+        &self,
+        scene: &Scene<'_>,
+        block: Block,
+        side: u32,
+        points: &[LearntPoint],
+    ) -> (Option<IncidentLight>, Rays) {
+        let (sky, receiver) = (scene.sky, scene.receiver);
+        let mut rays = Rays::default();
+        if points.is_empty() {
+            return (None, rays);
+        }
+        let mut found = Vec::with_capacity(FEELERS as usize);
+        for number in 0..FEELERS {
+            let point = points[number as usize % points.len()];
+            let random = Points::new(STREAM, side * FEELERS + number);
+            let Some(direction) = Matte::new(point.normal, Vec3::ONE).direction(random.pair(FEEL)) else {
+                continue;
+            };
+            rays.scattered += 1;
+            let Some(hit) = receiver.bvh.closest(Ray::new(point.start, direction), |_| true) else {
+                continue;
+            };
+            let (start, normal) = (receiver.start(&hit), receiver.facing(&hit));
+            let mut light = Vec3::ZERO;
+            for k in 0..LANDED_LIGHTS {
+                let distributions = self.distributions(sky, start, normal);
+                if distributions.iter().all(|distribution| distribution.power <= 0.0) {
+                    continue;
+                }
+                let numbers = sky.numbers(distributions, None);
+                let (tier, point) = sky.tier(numbers, random.twig(k, LANDED_LIGHTS).bits(FEEL + 1));
+                let sample = sky.light(&sky.draw_one(tier, distributions[tier], numbers[tier], point));
+                let cosine = sample.direction.dot(normal);
+                if cosine > 0.0 && sample.radiance != Vec3::ZERO {
+                    rays.shadow += 1;
+                    if block.passes(receiver, Ray::new(start, sample.direction)) {
+                        light += sample.radiance * (cosine / sample.pdf);
+                    }
+                }
+            }
+            let light = (light * receiver.albedo_at(&hit)).element_sum();
+            if light.is_finite() {
+                found.push((direction, light));
+            }
+        }
+        (IncidentLight::new(found.into_iter()), rays)
+    }
+
+    /// Directions from which surfaces light a point of the receiver. `None` if they are not known.
+    #[inline]
+    pub(crate) fn incident(&self, position: Vec3, normal: Vec3) -> Option<&IncidentLight> {
+        let side = self.places.of(position)? * SIDES + side_of(normal);
+        self.incident.get(side)?.as_deref()
     }
 
     /// Approximate memory use in bytes, for tables of which a tenth is filled.
@@ -131,6 +218,14 @@ impl Guide {
             None => sky.distributions(Some(normal)),
         }
     }
+}
+
+/// Number of the axis, with its sign, that a normal is nearest to.
+#[inline]
+fn side_of(normal: Vec3) -> usize {
+    let size = normal.abs();
+    let axis = if size.x >= size.y && size.x >= size.z { 0 } else { 2 - usize::from(size.y >= size.z) };
+    2 * axis + usize::from(normal[axis] < 0.0)
 }
 
 /// Vertices on the receiver of paths without light samples.

@@ -5,6 +5,7 @@ pub(crate) mod direct_light;
 pub(crate) mod double_count;
 pub(crate) mod first_vertex;
 pub(crate) mod guide;
+pub(crate) mod incident;
 pub mod integrator;
 pub(crate) mod lamp_light;
 pub(crate) mod light_points;

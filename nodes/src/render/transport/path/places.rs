@@ -86,8 +86,7 @@ mod tests {
     use super::*;
     use crate::geometry::sampling::Points;
 
-    /// Each point lies in a place, there are no more places than asked for, and points elsewhere have none. This
-    /// test fails if `finer.count > most` is replaced with `finer.count > 2 * most`.
+    /// Each point lies in a place, there are no more places than asked for, and points elsewhere have none.
     #[test]
     fn each_point_has_a_place() {
         let point = |i: u32| {

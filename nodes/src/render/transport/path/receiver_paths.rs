@@ -53,7 +53,7 @@ pub(crate) struct ReceiverPaths<'a> {
     points: Vec<Points>,
     bits: Vec<[u32; 2]>,
     wanted: Vec<PlacedDraw<'a>>,
-    /// Guide of the light samples after the first vertex.
+    /// Guide of the light samples after the first vertex, and of scattered rays.
     guide: Option<&'a Guide>,
     /// Samples of near light.
     near: Option<(NearFieldLight<'a>, NearDraws<'a>)>,
@@ -101,7 +101,7 @@ impl<'a> ReceiverPaths<'a> {
         }
     }
 
-    /// Chooses light samples after the first vertex by a guide.
+    /// Chooses light samples after the first vertex, and scattered rays, by a guide.
     pub(crate) fn guided(self, guide: Option<&'a Guide>) -> Self {
         Self { guide, ..self }
     }
@@ -221,6 +221,7 @@ impl<'a> ReceiverPaths<'a> {
         let (scene, rules) = (self.scene, self.scene.rules);
         let visibility = rules.visibility(Lobe::Diffuse);
         let lands = bounce < rules.max_bounces && visibility.lands;
+        let guide = self.guide;
         let (mut start, mut ends) = (0, self.ends.iter());
         alive.retain(|&index| {
             let path = &mut self.paths[index];
@@ -242,7 +243,12 @@ impl<'a> ReceiverPaths<'a> {
             if !lands {
                 return false;
             }
-            let sampled = path.matte.sample(&path.points, first_pair(bounce) + 1);
+            let pair = first_pair(bounce) + 1;
+            let incident = guide.and_then(|guide| guide.incident(path.position, path.matte.normal()));
+            let sampled = match incident {
+                Some(incident) => incident.sample(&path.matte, &path.points, pair),
+                None => path.matte.sample(&path.points, pair),
+            };
             let Some((direction, scatter)) = sampled else { return false };
             self.rays.scattered += 1;
             let landed = scene.receiver.bvh.closest(path.spawn_ray(direction), |_| true);
