@@ -163,7 +163,8 @@ impl Bench {
                 match format!("{prefix}.{text}").parse() {
                     Ok(setting) => settings.push(setting),
                     Err(_) => {
-                        wrong.push(format!("`--set {text}` is not a setting; write `--set node.field=value`"));
+                        wrong
+                            .push(format!("`--set {text}` is not a setting; write `--set node.field=value`"));
                     }
                 }
             }
