@@ -77,7 +77,7 @@ mod tests {
         ENDS.map(|end| quantile(&means, end))
     }
 
-    // This test fails if scenes are drawn without replacement, or if the ends are other quantiles.
+    // This test fails if scenes are drawn without replacement.
     #[test]
     fn intervals_approach_the_quantiles_of_all_resamples() {
         let values = [20.0, 21.5, 26.0, 24.0, 31.0, 22.5];
@@ -90,7 +90,8 @@ mod tests {
         assert_eq!(interval(&values, 1), Some(found));
     }
 
-    // The mean of many values is normal: the interval has the width 2 * 1.96 * sd / sqrt(n).
+    // The mean of many values is normal: the interval has the width 2 * 1.96 * sd / sqrt(n). This test fails if the
+    // ends are other quantiles.
     #[test]
     fn intervals_of_many_values_are_those_of_a_normal_mean() {
         let mut draws = Draws(7);

@@ -52,7 +52,7 @@ pub fn check(folder: &Path) -> Result<usize, Error> {
         match digest(&folder.join(name)) {
             Ok(found) if found == wanted => {}
             Ok(found) => {
-                mistakes.add(name, "", format!("has the digest {found}, but {FILE} states {wanted}"))
+                mistakes.add(name, "", format!("has the digest {found}, but {FILE} states {wanted}"));
             }
             Err(error) => mistakes.add(name, "", format!("cannot be read: {error}")),
         }

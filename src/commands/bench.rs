@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use benchmark::graph::{Composed, Wanted, compose, write};
+use benchmark::graph::{Composed, Wanted, compose};
 use benchmark::method::Method;
 use benchmark::page::{Content, page};
 use benchmark::scores::{Scores, read};
@@ -11,6 +11,7 @@ use benchmark::set::Set;
 use benchmark::summary::summarise;
 use benchmark::tables::{blocks, by_tag, csv, latex, markdown, rows_csv};
 use benchmark::tier::Tier;
+use benchmark::write::write;
 use benchmark::{checksums, pictures};
 use clap::Args;
 use engine::{Engine, Event, Fate, Forecast, Graph, Planned, RunOptions, Setting, Source, SourceRoot};
@@ -162,7 +163,8 @@ impl Bench {
                 match format!("{prefix}.{text}").parse() {
                     Ok(setting) => settings.push(setting),
                     Err(_) => {
-                        wrong.push(format!("`--set {text}` is not a setting; write `--set node.field=value`"))
+                        wrong
+                            .push(format!("`--set {text}` is not a setting; write `--set node.field=value`"));
                     }
                 }
             }
