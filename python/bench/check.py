@@ -77,7 +77,7 @@ def check(folder):
         points, _ = read_ply((folder / name / case["mesh"]).resolve())
         light = pictures.read_exr(folder / name / "truth/light.exr")
         if light.shape[1] != 2 * light.shape[0] or not np.isfinite(light).all() or light.max() <= 0:
-            faults.append(f"{name}: light.exr is no panorama of light")
+            faults.append(f"{name}: light.exr is not a panorama of finite, positive light")
         for view in case["views"]:
             truth = folder / name / "truth" / view
             missing = [f for f in NEEDED if not (truth / f).exists()]
