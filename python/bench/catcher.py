@@ -42,9 +42,13 @@ def layers(stage, samples):
 
     plane = stage.receivers[0]
     plane.is_shadow_catcher, plane.visible_camera = False, False
+    stage.scene.cycles.caustics_reflective = stage.scene.cycles.caustics_refractive = True
     bpy.context.view_layer.cycles.use_pass_shadow_catcher = False
     layer = stage.render(samples, 1, denoise=True)
     plane.is_shadow_catcher, plane.visible_camera = True, True
+    # Caustics make single bright pixels in this pass, which Blender does not denoise.
+    cycles = stage.scene.cycles
+    cycles.caustics_reflective = cycles.caustics_refractive = False
     bpy.context.view_layer.cycles.use_pass_shadow_catcher = True
     return layer, stage.render(samples, 1, denoise=True, extra="Shadow Catcher")
 

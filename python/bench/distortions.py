@@ -94,7 +94,7 @@ def shadow_detached(l, s):
 
 
 def shadow_doubled(l, s):
-    """A second shadow beside the first, of a quarter to the full strength."""
+    """A second shadow to the left of the first, with a quarter to the full strength."""
     second = moved(l["ratio"], 0, -20 * l["truth"].px_per_cm, 1)
     l["ratio"] = l["ratio"] * (1 + 0.25 * s * (np.minimum(second, 1) - 1))
 

@@ -142,7 +142,7 @@ class Stage:
         self._settings(threads)
 
     def _portal(self, corner, u, v):
-        """Guides the sampling of the sky through an opening; it is no light itself."""
+        """Guides the sampling of the sky through an opening, and emits nothing itself."""
         data = bpy.data.lights.new("portal", "AREA")
         data.shape, data.size, data.size_y = "RECTANGLE", float(np.linalg.norm(u)), float(np.linalg.norm(v))
         data.cycles.is_portal = True

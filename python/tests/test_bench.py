@@ -372,6 +372,14 @@ class Making(unittest.TestCase):
             self.assertTrue(all(p["reached"] and p["difference"] <= 0.01 for p in reached["pictures"].values()))
             faults, _ = check.check(first)
             self.assertEqual(faults, [])
+            # A mesh 20 cm too low, with its digest.
+            file = first / "scenes/room-gloss/mesh.ply"
+            head, body = file.read_bytes().split(b"end_header\n", 1)
+            rows = np.frombuffer(body, [("p", "<f4", 3), ("c", "u1", 3)], len(check.read_ply(file)[0])).copy()
+            rows["p"][:, 2] -= 0.2
+            file.write_bytes(head + b"end_header\n" + rows.tobytes() + body[rows.nbytes:])
+            make.sums(first)
+            self.assertIn("the mesh does not fit", " ".join(check.check(first)[0]))
 
 
 class Distortions(unittest.TestCase):
