@@ -10,6 +10,7 @@
 
 mod cloud;
 mod explained;
+mod eyes;
 mod fit;
 mod moved;
 mod raster;
@@ -39,7 +40,7 @@ use surfaces::{Both, Surfaces};
 
 /// Maximum number of wanted views that are compared.
 const WANTED: usize = 3;
-/// Maximum number of points in free space from which the surroundings are rendered and compared.
+/// Maximum number of objects whose surroundings are rendered and compared.
 const AROUND: usize = 2;
 /// Minimum agreement at which the mesh counts as being in the frame of the splats, so that no better transform is
 /// searched for.
@@ -90,8 +91,7 @@ pub struct CapturedPlace<'a> {
     pub mesh: &'a Mesh,
     /// Cameras of the wanted views; the views of the first, the middle and the last one are compared.
     pub cameras: &'a [Camera],
-    /// Points in free space at or near the inserted objects, such as the middle of each object. The first two are
-    /// used.
+    /// Middles of the inserted objects. The first two are used.
     pub around: &'a [DVec3],
     /// Unit vectors to the right, forward and up.
     pub axes: [DVec3; 3],

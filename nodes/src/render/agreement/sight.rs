@@ -3,6 +3,7 @@
 use engine::{Context, NodeError};
 use glam::DVec3;
 
+use super::eyes;
 use crate::geometry::support::median;
 use crate::render::splat::{Blocks, DepthMode, Settings, render_with};
 use crate::types::{Camera, Splats};
@@ -68,8 +69,9 @@ fn faces(eye: DVec3, [right, forward, up]: [DVec3; 3]) -> [Camera; 6] {
 }
 
 impl Sight {
-    /// Renders the splats in the wanted views and around each of the points. `metre` is the number of world units
-    /// per metre; `axes` point right, forward and up.
+    /// Renders the splats in the wanted views and around each of the points, from free space above it (see [`eyes`]).
+    /// Points without free space above them are left out. `metre` is the number of world units per metre; `axes` point
+    /// right, forward and up.
     pub fn all(
         splats: &Splats,
         wanted: &[Camera],
@@ -78,11 +80,14 @@ impl Sight {
         cx: &Context,
     ) -> Result<Vec<Self>, NodeError> {
         let blocks = Blocks::of(splats, cx)?;
-        let own = wanted.iter().map(|camera| (smaller(camera), true));
-        let others = around.iter().flat_map(|eye| faces(*eye, axes)).map(|camera| (camera, false));
-        own.chain(others)
-            .map(|(camera, wanted)| Self::of(splats, &blocks, camera, wanted, metre, cx))
-            .collect()
+        let own = wanted.iter().map(|camera| Self::of(splats, &blocks, smaller(camera), true, metre, cx));
+        let mut sights = own.collect::<Result<Vec<_>, _>>()?;
+        let eyes: Vec<DVec3> =
+            around.iter().filter_map(|point| eyes::free(splats, &sights, *point, axes[2])).collect();
+        for camera in eyes.into_iter().flat_map(|eye| faces(eye, axes)) {
+            sights.push(Self::of(splats, &blocks, camera, false, metre, cx)?);
+        }
+        Ok(sights)
     }
 
     fn of(
@@ -146,6 +151,20 @@ impl Sight {
     /// Index of the pixel that contains a point, given in the frame of the camera. `None` if the point is outside
     /// the picture or the splats have no surface at the pixel.
     pub fn pixel(&self, local: DVec3) -> Option<usize> {
+        self.inside(local).filter(|pixel| self.depth[*pixel].is_finite())
+    }
+
+    /// True if the picture contains a point, given in world coordinates, and the splats have no surface in front of it.
+    pub fn sees(&self, point: DVec3) -> bool {
+        let local = self.camera.camera_from_world().transform_point3(point);
+        self.inside(local).is_some_and(|pixel| {
+            self.empty[pixel] || (self.depth[pixel].is_finite() && local.z < self.depth[pixel])
+        })
+    }
+
+    /// Index of the pixel that contains a point, given in the frame of the camera. `None` if the point is outside the
+    /// picture.
+    fn inside(&self, local: DVec3) -> Option<usize> {
         let (width, height) = self.size();
         if local.z <= 0.0 {
             return None;
@@ -153,8 +172,7 @@ impl Sight {
         let x = self.camera.fx * local.x / local.z + self.camera.cx;
         let y = self.camera.fy * local.y / local.z + self.camera.cy;
         let inside = x >= 0.0 && y >= 0.0 && x < width as f64 && y < height as f64;
-        let pixel = inside.then(|| y as usize * width + x as usize)?;
-        self.depth[pixel].is_finite().then_some(pixel)
+        inside.then(|| y as usize * width + x as usize)
     }
 
     /// Unit normal of the surface of the splats at a pixel, computed from the depths of its four neighbours; `None`
