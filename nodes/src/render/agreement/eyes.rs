@@ -1,15 +1,17 @@
-//! Eyes of the views around the inserted objects.
+//! Views in which splats and mesh are compared, and the eyes of those around the inserted objects.
 //!
 //! The middle of a small object is so near to the ground that splats there appear as large spots in front of what is
 //! behind them, and that the usual distance between mesh and splats is a large part of the depth. The middle of an
 //! object that is too low is in the ground. The eye is therefore moved up to a position in free space.
 
+use engine::{Context, NodeError};
 use glam::DVec3;
 
 use super::sight::Sight;
 use super::spots::OPAQUE;
 use crate::geometry::support::median;
-use crate::types::Splats;
+use crate::render::splat::Blocks;
+use crate::types::{Camera, Splats};
 
 /// Distance from the eye, in standard deviations of a splat along its middle axis, within which the splat is too near.
 /// Nearer splats are drawn as ellipses that are too large.
@@ -37,10 +39,30 @@ struct Near {
     area: f64,
 }
 
+/// Renders the splats in the wanted views and around each of the objects with the middles `middles`, from free space
+/// (see [`free`]). Objects without free space above them are left out. `frame` is the unit vectors to the right,
+/// forward and up, and the number of world units per metre.
+pub(super) fn sights(
+    splats: &Splats,
+    cameras: &[Camera],
+    middles: &[DVec3],
+    frame: ([DVec3; 3], f64),
+    cx: &Context,
+) -> Result<Vec<Sight>, NodeError> {
+    let blocks = Blocks::of(splats, cx)?;
+    let mut sights = Sight::wanted(splats, &blocks, cameras, frame.1, cx)?;
+    let up = frame.0[2];
+    let eyes: Vec<DVec3> = middles.iter().filter_map(|middle| free(splats, &sights, *middle, up)).collect();
+    for eye in eyes {
+        sights.extend(Sight::around(splats, &blocks, eye, frame, cx)?);
+    }
+    Ok(sights)
+}
+
 /// The lowest position in free space above the middle `point` of an object that one of the wanted views `wanted` shows
 /// in front of all surfaces; without such a position, the lowest in free space. `None` if the splats leave no free
 /// space there. `up` is a unit vector.
-pub(super) fn free(splats: &Splats, wanted: &[Sight], point: DVec3, up: DVec3) -> Option<DVec3> {
+fn free(splats: &Splats, wanted: &[Sight], point: DVec3, up: DVec3) -> Option<DVec3> {
     let unit = distance(splats, wanted, point)?;
     let length = STEP * f64::from(STEPS) * unit;
     let near = |i: usize| {

@@ -3,7 +3,6 @@
 use engine::{Context, NodeError};
 use glam::DVec3;
 
-use super::eyes;
 use crate::geometry::support::median;
 use crate::render::splat::{Blocks, DepthMode, Settings, render_with};
 use crate::types::{Camera, Splats};
@@ -69,25 +68,28 @@ fn faces(eye: DVec3, [right, forward, up]: [DVec3; 3]) -> [Camera; 6] {
 }
 
 impl Sight {
-    /// Renders the splats in the wanted views and around each of the points, from free space above it (see [`eyes`]).
-    /// Points without free space above them are left out. `metre` is the number of world units per metre; `axes` point
-    /// right, forward and up.
-    pub fn all(
+    /// Renders the splats in small pictures of the wanted views. `metre` is the number of world units per metre.
+    pub fn wanted(
         splats: &Splats,
-        wanted: &[Camera],
-        around: &[DVec3],
+        blocks: &Blocks,
+        cameras: &[Camera],
+        metre: f64,
+        cx: &Context,
+    ) -> Result<Vec<Self>, NodeError> {
+        cameras.iter().map(|camera| Self::of(splats, blocks, smaller(camera), true, metre, cx)).collect()
+    }
+
+    /// Renders the splats in the six directions around a point. `metre` is the number of world units per metre; `axes`
+    /// point right, forward and up.
+    pub fn around(
+        splats: &Splats,
+        blocks: &Blocks,
+        eye: DVec3,
         (axes, metre): ([DVec3; 3], f64),
         cx: &Context,
     ) -> Result<Vec<Self>, NodeError> {
-        let blocks = Blocks::of(splats, cx)?;
-        let own = wanted.iter().map(|camera| Self::of(splats, &blocks, smaller(camera), true, metre, cx));
-        let mut sights = own.collect::<Result<Vec<_>, _>>()?;
-        let eyes: Vec<DVec3> =
-            around.iter().filter_map(|point| eyes::free(splats, &sights, *point, axes[2])).collect();
-        for camera in eyes.into_iter().flat_map(|eye| faces(eye, axes)) {
-            sights.push(Self::of(splats, &blocks, camera, false, metre, cx)?);
-        }
-        Ok(sights)
+        let render = |camera| Self::of(splats, blocks, camera, false, metre, cx);
+        faces(eye, axes).into_iter().map(render).collect()
     }
 
     fn of(
