@@ -68,21 +68,28 @@ fn faces(eye: DVec3, [right, forward, up]: [DVec3; 3]) -> [Camera; 6] {
 }
 
 impl Sight {
-    /// Renders the splats in the wanted views and around each of the points. `metre` is the number of world units
-    /// per metre; `axes` point right, forward and up.
-    pub fn all(
+    /// Renders the splats in small pictures of the wanted views. `metre` is the number of world units per metre.
+    pub fn wanted(
         splats: &Splats,
-        wanted: &[Camera],
-        around: &[DVec3],
+        blocks: &Blocks,
+        cameras: &[Camera],
+        metre: f64,
+        cx: &Context,
+    ) -> Result<Vec<Self>, NodeError> {
+        cameras.iter().map(|camera| Self::of(splats, blocks, smaller(camera), true, metre, cx)).collect()
+    }
+
+    /// Renders the splats in the six directions around a point. `metre` is the number of world units per metre; `axes`
+    /// point right, forward and up.
+    pub fn around(
+        splats: &Splats,
+        blocks: &Blocks,
+        eye: DVec3,
         (axes, metre): ([DVec3; 3], f64),
         cx: &Context,
     ) -> Result<Vec<Self>, NodeError> {
-        let blocks = Blocks::of(splats, cx)?;
-        let own = wanted.iter().map(|camera| (smaller(camera), true));
-        let others = around.iter().flat_map(|eye| faces(*eye, axes)).map(|camera| (camera, false));
-        own.chain(others)
-            .map(|(camera, wanted)| Self::of(splats, &blocks, camera, wanted, metre, cx))
-            .collect()
+        let render = |camera| Self::of(splats, blocks, camera, false, metre, cx);
+        faces(eye, axes).into_iter().map(render).collect()
     }
 
     fn of(
@@ -146,6 +153,20 @@ impl Sight {
     /// Index of the pixel that contains a point, given in the frame of the camera. `None` if the point is outside
     /// the picture or the splats have no surface at the pixel.
     pub fn pixel(&self, local: DVec3) -> Option<usize> {
+        self.inside(local).filter(|pixel| self.depth[*pixel].is_finite())
+    }
+
+    /// True if the picture contains a point, given in world coordinates, and the splats have no surface in front of it.
+    pub fn sees(&self, point: DVec3) -> bool {
+        let local = self.camera.camera_from_world().transform_point3(point);
+        self.inside(local).is_some_and(|pixel| {
+            self.empty[pixel] || (self.depth[pixel].is_finite() && local.z < self.depth[pixel])
+        })
+    }
+
+    /// Index of the pixel that contains a point, given in the frame of the camera. `None` if the point is outside the
+    /// picture.
+    fn inside(&self, local: DVec3) -> Option<usize> {
         let (width, height) = self.size();
         if local.z <= 0.0 {
             return None;
@@ -153,8 +174,7 @@ impl Sight {
         let x = self.camera.fx * local.x / local.z + self.camera.cx;
         let y = self.camera.fy * local.y / local.z + self.camera.cy;
         let inside = x >= 0.0 && y >= 0.0 && x < width as f64 && y < height as f64;
-        let pixel = inside.then(|| y as usize * width + x as usize)?;
-        self.depth[pixel].is_finite().then_some(pixel)
+        inside.then(|| y as usize * width + x as usize)
     }
 
     /// Unit normal of the surface of the splats at a pixel, computed from the depths of its four neighbours; `None`

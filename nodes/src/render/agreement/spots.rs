@@ -22,7 +22,7 @@ const GRAIN: f64 = 2.0;
 /// Approximate number of splats that are sampled when sizes are measured or centres are taken as points.
 const MEASURED: usize = 4000;
 /// Minimum opacity of the splats that are sampled.
-const OPAQUE: f32 = 0.3;
+pub(super) const OPAQUE: f32 = 0.3;
 /// Maximum distance between a point of the mesh and the surface of the splats for the point to count as on the
 /// surface, as a share of the distance from the eye to the point, or of the median distance of all points if that
 /// is larger.

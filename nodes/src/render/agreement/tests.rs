@@ -1,5 +1,6 @@
 //! Tests with a synthetic place: a floor, three walls and two boxes.
 
+mod eyes;
 mod wrong_splats;
 
 use engine::Up;

@@ -143,6 +143,35 @@ fn captures_that_agree_raise_no_alarm() {
     }
 }
 
+/// Small objects near splats, and an object that stands in the ground, raise no warning. This test fails if `free` in
+/// `eyes.rs` returns the middle of the object.
+#[test]
+fn small_and_sunken_objects_raise_no_alarm() {
+    let (z, y) = (Up::PlusZ, Up::MinusY);
+    let proxy = Some("splats/garden_mesh/garden_proxy.glb");
+    let sunken = [[6.0, -26.0, -1.0], [4.0, -31.3, 0.2], [4.0, -28.0, -0.8]];
+    let robot = [[0.4, 0.0, 0.4], [2.0, -1.2, 2.0], [0.0, -0.2, 0.0]];
+    let floor = [[1.0, 0.5, 0.0], [0.6, -3.2, 1.6], [0.0, 0.0, 0.45]];
+    let scenes = [
+        (capture("garden, sunken", "splats/garden_sog", (z, 1.0), sunken, proxy), vec![[6.0, -26.0, -0.5]]),
+        (
+            capture("playbot, small", "splats/playbot_sog/2_0", (y, 1.0 / 5.26), robot, None),
+            vec![[0.4, -0.055, 0.4], [0.4, -0.025, 0.4], [-0.5, -0.025, 0.3], [0.0, -0.025, -0.6]],
+        ),
+        (
+            capture("trials/place, small", "trials/place.ply", (z, 1.0), floor, Some("trials/mesh.ply")),
+            vec![[1.0, 0.5, 0.1], [-1.0, 0.5, 0.1], [1.5, 1.5, 0.05], [0.0, 1.0, 0.25], [0.0, -0.7, 0.1]],
+        ),
+    ];
+    for (mut scene, middles) in scenes {
+        for middle in middles {
+            scene.around = DVec3::from_array(middle);
+            let found = compared(&scene, &format!("{middle:?}"), &scene.splats, &scene.mesh);
+            assert_eq!(found.findings(), [], "{} {middle:?}: {found:?}", scene.name);
+        }
+    }
+}
+
 fn placed(mesh: &Mesh, by: &Similarity) -> Mesh {
     let at = |i: usize| by.point(mesh.position(i as u32)).as_vec3().to_array();
     let positions = (0..mesh.positions.len()).map(at).collect();
