@@ -220,7 +220,8 @@ fn is_splats(file: &Path) -> bool {
 
 /// The error of a file that was given in place of another. The hint of the loader is about nodes of graphs.
 fn exchanged(error: NodeError) -> NodeError {
-    NodeError::new(error.message().to_owned()).hint("`--splats` takes the captured place and `--object` the object to insert; are they exchanged?")
+    NodeError::new(error.message().to_owned())
+        .hint("`--splats` takes the captured place and `--object` the object to insert; are they exchanged?")
 }
 
 /// True if the measured scale of a scene is certain enough to be written to the graph.
