@@ -102,7 +102,7 @@ const KNOWN_COLOUR: f64 = 0.02;
 
 impl Kind for FitLights {
     const NAME: &'static str = "fit-lights";
-    const VERSION: u32 = 6;
+    const VERSION: u32 = 7;
     type Params = Self;
     type In = In;
     type Out = Out;

@@ -12,7 +12,7 @@ use crate::types::{Cell, Environment, Report, Table};
 
 /// True for emitters that were compared with the place, and for those that its mesh lacks.
 fn was_tried(one: &Fitted) -> bool {
-    one.error_stops.is_some() || one.verdict == Outcome::Misplaced
+    one.error_stops.is_some() || matches!(one.verdict, Outcome::Misplaced | Outcome::Mismatched)
 }
 
 /// Notes that say which emitters were fitted.
@@ -143,6 +143,8 @@ fn fit(strengths: &Strengths) -> Table {
         "factor of the light of visible surfaces (red)",
         "factor (green)",
         "factor (blue)",
+        "difference between the colours of the mesh and of the panorama, relative to their spread",
     ];
-    Table::new("fit", columns, vec![vec![before, after, red, green, blue]])
+    let mismatch = strengths.mismatch.map_or(Cell::Missing, Cell::Number);
+    Table::new("fit", columns, vec![vec![before, after, red, green, blue, mismatch]])
 }
