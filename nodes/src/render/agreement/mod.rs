@@ -19,6 +19,7 @@ mod regions;
 mod search;
 mod sight;
 mod spots;
+mod standing;
 mod surfaces;
 #[cfg(test)]
 mod tests;
@@ -85,7 +86,7 @@ const VERIFIED: usize = 3;
 /// of the splats to count as missing. It is a share of the distance from the eye.
 const TOLERANCE: f64 = 0.05;
 
-/// CapturedPlace whose splats and mesh are compared.
+/// Place whose splats and mesh are compared.
 #[derive(Debug, Clone, Copy)]
 pub struct CapturedPlace<'a> {
     /// The splats, in the world.
@@ -247,7 +248,7 @@ fn by_views(
         points: spots.list.len(),
         agreement: here.agreement.all,
         known: here.agreement.known,
-        best: best.map(|found| found.judged(place, visible)),
+        best: best.map(|found| standing::decided(place, found.judged(place, visible), cx)).transpose()?,
         in_place: agrees
             || both.splats >= IN_PLACE
             || here.rest >= REST_AGREES
@@ -323,7 +324,7 @@ fn by_moved_views(
         let Some(spots) = Spots::of(place.splats, &sights) else { continue };
         let rated = Rated::of(place, (&sights, &spots), (surfaces, both), cx)?;
         if let Some(found) = rated.best([(Some(there), by)], cx)? {
-            return Ok(Some(found.of_splats()));
+            return Ok(Some(found.blamed(Likely::Splats)));
         }
     }
     Ok(None)

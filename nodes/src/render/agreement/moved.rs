@@ -90,15 +90,15 @@ impl Moved {
         far && self.agreement >= least && self.agreement >= self.before + GAIN
     }
 
-    /// The same transform, if the views show that the splats are in the wrong frame.
-    pub(super) fn of_splats(self) -> Self {
-        Self { likely: Likely::Splats, is_decided: true, ..self }
+    /// The same transform, with a decision which input is in the wrong frame.
+    pub(super) fn blamed(self, likely: Likely) -> Self {
+        Self { likely, is_decided: true, ..self }
     }
 
-    /// Decides which input is probably in the wrong frame, if this is not decided, given the shares of the wanted views that show splats
-    /// and mesh.
+    /// Decides which input is probably in the wrong frame, if this is not decided, given the shares of the wanted views
+    /// that show splats and mesh.
     pub(super) fn judged(self, place: &CapturedPlace<'_>, visible: Option<[f64; 2]>) -> Self {
-        let decided = |likely| Self { likely, is_decided: true, ..self };
+        let decided = |likely| self.blamed(likely);
         if self.is_decided {
             return self;
         }
