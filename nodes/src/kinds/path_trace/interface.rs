@@ -85,9 +85,9 @@ engine::outputs! {
         /// no surface. A blended surface counts if its coverage is above one half.
         depth: Arc<Images>,
         /// Planar depth of the nearest object that is visible anywhere in the pixel, however little of it. If no object
-        /// is visible there, the depth at which the ray is a tenth of the diagonal of the largest object
-        /// above the receiver. Used by `splat-render(limit:)`: splats in front of it are in front of the objects and of their
-        /// shadow; splats that lie on the ground are shadowed with it.
+        /// is visible there, the depth at which the ray is a tenth of the diagonal of the largest object above the
+        /// receiver. Used by `splat-render(limit:)`: splats in front of it are in front of the objects and of their
+        /// shadow, and splats that lie on the ground are shadowed with it.
         nearest: Arc<Images>,
         /// Unit normal of the front surface in world axes, towards the camera; 0 where there is no surface.
         normal: Arc<Images>,

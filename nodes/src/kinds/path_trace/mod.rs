@@ -21,6 +21,7 @@ use crate::render::transport::ground::capture_point::{CapturePoint, stand_in};
 use crate::render::transport::ground::light_share::share_past;
 use crate::render::transport::ground::standing::find_ground;
 use crate::render::transport::path::double_count::counted_twice;
+use crate::render::transport::path::guide;
 use crate::render::transport::picture::accumulator::{FinishedView, TargetError};
 use crate::render::transport::picture::film::{self, CROSS, FIRST_HIT, PAIR, R0};
 use crate::render::transport::picture::prepared::PreparedScene;
@@ -151,7 +152,7 @@ impl PathTrace {
 
 impl Kind for PathTrace {
     const NAME: &'static str = "path-trace";
-    const VERSION: u32 = 27;
+    const VERSION: u32 = 28;
     const READS: &'static [ContextField] =
         &[ContextField::Exhaustive, ContextField::MetresPerUnit, ContextField::Seed, ContextField::Up];
     const PREVIEW: engine::Preview =
@@ -174,6 +175,8 @@ impl Kind for PathTrace {
             // For each texel, 16 bytes of radiance and density, 4 bytes of weight in each of two tiers, and 1 byte
             // for its tier. This is less than 9 bytes per sample.
             (sky, 9),
+            // The light that each place of a room sees. A triangle has two sides.
+            (guide::BINS.min(2 * inputs.receiver.triangles.len() as u64), guide::BIN_BYTES),
         ])
     }
 

@@ -116,7 +116,7 @@ fn a_guide_changes_noise_and_no_mean() {
     let receiver = Receiver::new(&window_room(), DVec3::ZERO);
     let objects = Objects::new(None, &[], DVec3::ZERO).expect("no objects");
     let skies = [sunny(), constant(Up::PlusZ, [1.0, 0.8, 0.6], 64)].map(|env| EnvironmentLight::new(&env));
-    for (sky, max_bounces) in [(&skies[0], 0), (&skies[0], 3), (&skies[1], 0)] {
+    for (sky, max_bounces) in [(&skies[0], 0), (&skies[0], 3), (&skies[1], 0), (&skies[1], 3)] {
         let rules = rules(max_bounces);
         let scene = Traced { receiver: &receiver, objects: &objects, sky, rules: &rules, light_points: None };
         let [(plain, rays), (guided, fewer)] = compare(scene, 60);

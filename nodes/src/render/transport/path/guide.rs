@@ -36,6 +36,13 @@ const CHECKED: usize = 1024;
 const BLOCKED: f64 = 0.5;
 /// Maximum number of places.
 const MOST_PLACES: usize = 256;
+/// Number of bins of normals per side of the octahedral map in the tables of a place.
+const COARSE: usize = 8;
+/// Maximum memory of the distributions of all places for the normals of one bin, in bytes. There are 128 and 512 cells
+/// at most, of four bytes and some padding.
+pub(crate) const BIN_BYTES: u64 = MOST_PLACES as u64 * 3072;
+/// Number of bins of normals of a place.
+pub(crate) const BINS: u64 = (COARSE * COARSE) as u64;
 /// Maximum number of shadow rays from a place to a cell of the sky.
 const TRIES: usize = 6;
 /// Cells with less than this share of all light are not tested.
@@ -197,10 +204,10 @@ impl Guide {
         self.incident.get(side)?.as_deref()
     }
 
-    /// Approximate memory use in bytes, for tables of which a tenth is filled.
+    /// Maximum memory use in bytes, with distributions for all bins of normals.
     pub(crate) fn bytes(&self) -> u64 {
-        const TABLES: u64 = 300_000;
-        self.seen.iter().flatten().count() as u64 * TABLES
+        let incident = self.incident.iter().flatten().count() * size_of::<IncidentLight>();
+        self.seen.iter().flatten().count() as u64 * (BINS * BIN_BYTES / MOST_PLACES as u64) + incident as u64
     }
 
     /// Light distributions for a point of the receiver.
@@ -318,7 +325,7 @@ impl SeenSky {
         let mean = visible / known;
         let factor = |share: &Option<f32>| (share.map_or(mean, f64::from) + DEFENSIVE * mean) as f32;
         let factors = shares.map(|shares| shares.iter().map(factor).collect());
-        (Some(Self { factors, tables: [LightTable::new(), LightTable::new()] }), rays)
+        (Some(Self { factors, tables: [COARSE; TIERS].map(LightTable::new) }), rays)
     }
 }
 

@@ -122,7 +122,7 @@ impl<'a> Tracing<'a> {
 
     /// Guide of the light samples of the receiver, as a camera sees it. `None` if a guide is of no use.
     fn guide(&self, camera: &Camera) -> Result<Arc<Option<Guide>>, NodeError> {
-        let part = Part { name: "guide", version: 1, inputs: &["receiver", "env"] };
+        let part = Part { name: "guide", version: 2, inputs: &["receiver", "env"] };
         let extra = (CameraParams::of(camera), self.rules, self.prepared.origin.to_array());
         let bytes = |guide: &Option<Guide>| guide.as_ref().map_or(0, Guide::bytes);
         self.cx.in_memory(part, &extra, bytes, || {
@@ -177,14 +177,14 @@ impl<'a> Tracing<'a> {
     ) -> Result<(), NodeError> {
         let (cx, camera) = (self.cx, camera_rays.camera);
         let ahead = Cell::new(None);
-        let part = Part { name: "r0", version: 12, inputs: &["receiver", "env"] };
+        let part = Part { name: "r0", version: 13, inputs: &["receiver", "env"] };
         let r0 = cx.part(part, &self.of_receiver(camera, area, range), || {
             let (r0, pair) = self.trace_both(camera_rays, (area, range), step)?;
             ahead.set(pair);
             Ok(r0)
         })?;
         expect_size(&r0, area, R0)?;
-        let part = Part { name: "pair", version: 22, inputs: &["receiver", "objects", "env"] };
+        let part = Part { name: "pair", version: 23, inputs: &["receiver", "objects", "env"] };
         let pair =
             cx.part(part, &self.of_objects(camera, area, range, self.limit()), || match ahead.take() {
                 Some(pair) => {

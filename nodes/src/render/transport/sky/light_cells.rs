@@ -7,7 +7,7 @@ use glam::Vec3;
 
 use super::cell_grid::{CellGrid, LightCell};
 use super::cone::Cone;
-use super::light_distribution::{LightDistribution, LightTable, accumulate, invert, pad};
+use super::light_distribution::{FINE, LightDistribution, LightTable, accumulate, invert, pad};
 use super::texel_grid::TexelGrid;
 use crate::math::equirect::pixel_solid_angle;
 
@@ -97,7 +97,7 @@ impl LightCells {
             width,
             height,
             grid: CellGrid::default(),
-            distributions: LightTable::new(),
+            distributions: LightTable::new(FINE),
             columns,
             rows,
             row_of,

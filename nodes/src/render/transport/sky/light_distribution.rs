@@ -14,11 +14,9 @@ use glam::Vec3;
 use super::cell_grid::CellGrid;
 use super::cone::Cone;
 
-/// Number of bins per side of the octahedral map. It is even, so that no bin crosses an edge of the
+/// Usual number of bins of normals per side of the octahedral map. It is even, so that no bin crosses an edge of the
 /// octahedron.
-const SIDE: usize = 24;
-/// Index of the bin of surfaces lit from all sides.
-const ANY: usize = SIDE * SIDE;
+pub const FINE: usize = 24;
 
 /// Number of entries that are compared at once.
 const LANES: usize = 8;
@@ -88,23 +86,23 @@ fn unfold(x: f32, y: f32) -> Vec3 {
     Vec3::new(x - under.copysign(x), y - under.copysign(y), z).normalize()
 }
 
-/// Index of the bin of a normal.
+/// Index of the bin of a normal, of `side * side` bins. Surfaces lit from all sides have the bin after the last.
 #[inline]
-fn bin(normal: Option<Vec3>) -> usize {
-    let Some(normal) = normal else { return ANY };
+fn bin(normal: Option<Vec3>, side: usize) -> usize {
+    let Some(normal) = normal else { return side * side };
     let n = normal / (normal.x.abs() + normal.y.abs() + normal.z.abs());
     let (mut x, mut y) = (n.x, n.y);
     if n.z < 0.0 {
         (x, y) = ((1.0 - n.y.abs()).copysign(n.x), (1.0 - n.x.abs()).copysign(n.y));
     }
-    let index = |v: f32| (((v + 1.0) * (0.5 * SIDE as f32)) as usize).min(SIDE - 1);
-    index(y) * SIDE + index(x)
+    let index = |v: f32| (((v + 1.0) * (0.5 * side as f32)) as usize).min(side - 1);
+    index(y) * side + index(x)
 }
 
 /// Cone of the normals of a bin.
-fn normals(at: usize) -> Cone {
-    let edge = |i: usize| i as f32 * (2.0 / SIDE as f32) - 1.0;
-    let (x, y) = (at % SIDE, at / SIDE);
+fn normals(at: usize, side: usize) -> Cone {
+    let edge = |i: usize| i as f32 * (2.0 / side as f32) - 1.0;
+    let (x, y) = (at % side, at / side);
     Cone::around(
         [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)].map(|(x, y)| unfold(edge(x), edge(y))).into_iter(),
     )
@@ -186,21 +184,25 @@ impl LightDistribution {
 /// One distribution for each bin of normals, and one for surfaces lit from all sides. Each is made on first
 /// use.
 #[derive(Debug)]
-pub struct LightTable(Vec<OnceLock<Box<LightDistribution>>>);
+pub struct LightTable {
+    /// Number of bins per side of the octahedral map.
+    side: usize,
+    made: Vec<OnceLock<Box<LightDistribution>>>,
+}
 
 impl LightTable {
-    /// Creates an empty table.
-    pub fn new() -> Self {
-        Self((0..=ANY).map(|_| OnceLock::new()).collect())
+    /// Creates an empty table with `side * side` bins of normals. `side` must be even.
+    pub fn new(side: usize) -> Self {
+        Self { side, made: (0..=side * side).map(|_| OnceLock::new()).collect() }
     }
 
     /// Distribution over the cells of a grid, for surfaces with the given unit normal. If there are `factors`, the
     /// weight of each cell, row by row, is multiplied by its factor. Grid and factors must be the same in all calls.
     #[inline]
     pub fn of(&self, grid: &CellGrid, normal: Option<Vec3>, factors: Option<&[f32]>) -> &LightDistribution {
-        let at = bin(normal);
-        self.0[at].get_or_init(|| {
-            let normals = (at < ANY).then(|| normals(at));
+        let (side, at) = (self.side, bin(normal, self.side));
+        self.made[at].get_or_init(|| {
+            let normals = (at < side * side).then(|| normals(at, side));
             Box::new(LightDistribution::scaled(grid, normals, &Cone::ALL, factors))
         })
     }
@@ -281,13 +283,13 @@ mod tests {
     fn directions_fall_into_the_bin_that_shows_them() {
         for i in 0..20_000 {
             let normal = direction(i, 0);
-            let at = bin(Some(normal));
-            let centre = |i: usize| (i as f32 + 0.5) * (2.0 / SIDE as f32) - 1.0;
-            let middle = unfold(centre(at % SIDE), centre(at / SIDE));
+            let at = bin(Some(normal), FINE);
+            let centre = |i: usize| (i as f32 + 0.5) * (2.0 / FINE as f32) - 1.0;
+            let middle = unfold(centre(at % FINE), centre(at / FINE));
             assert!(middle.dot(normal) > 0.985, "{normal} {middle}");
         }
         for axis in [Vec3::X, Vec3::Y, Vec3::Z, Vec3::NEG_X, Vec3::NEG_Y, Vec3::NEG_Z] {
-            assert!(bin(Some(axis)) < ANY);
+            assert!(bin(Some(axis), FINE) < FINE * FINE);
         }
     }
 
@@ -303,7 +305,7 @@ mod tests {
                 LightCell { cone: Cone { axis, cosine }, area: 0.2, power: 1.0, towards: axis * 0.99 }
             })
             .collect();
-        let (grid, table) = (CellGrid::new(&cells, 8), LightTable::new());
+        let (grid, table) = (CellGrid::new(&cells, 8), LightTable::new(FINE));
         for i in 0..4_000 {
             let normal = direction(i, 2);
             let distribution = table.of(&grid, Some(normal), None);
