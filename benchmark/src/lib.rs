@@ -2,8 +2,9 @@
 //! tables and the page that report its errors by region.
 //!
 //! A [`set::Set`] is read and checked as a whole. [`graph::compose`] makes one graph of all cases, which the engine
-//! runs like any other, after [`mod@write`] has put it in a folder. [`scores`] reads the results of that run, [`summary`] computes means with bootstrap
-//! intervals over scenes, and [`tables`] and [`page`] write them. This crate prints nothing.
+//! runs like any other, after [`mod@write`] has put it in a folder. [`scores`] reads the results of that run,
+//! [`summary`] computes means with bootstrap intervals over scenes, and [`tables`] and [`page`] write them. This crate
+//! prints nothing.
 
 pub mod bootstrap;
 pub mod case;
