@@ -8,7 +8,7 @@
 //! use std::process::ExitCode;
 //! use std::sync::Arc;
 //! use lightharmony::engine::{self, Context, Kind, NodeError, Notes};
-//! use lightharmony::nodes::types::Images;
+//! use lightharmony::scene::types::Images;
 //!
 //! engine::params! {
 //!     /// Returns a picture as it is.

@@ -206,7 +206,7 @@ fn check_picture(path: &Path, file: &str, size: Option<[u64; 2]>, mistakes: &mut
     if !path.is_file() {
         return mistakes.add(file, "", "does not exist");
     }
-    match (nodes::io::picture::size(path), size) {
+    match (scene::io::picture::size(path), size) {
         (None, _) => mistakes.add(file, "", "is not a picture, or its header is damaged"),
         (Some([w, h]), Some([width, height])) if [w, h] != [width, height] => {
             let text = format!("has {w}x{h} pixels, but its camera in `views.json` has {width}x{height}");
@@ -220,7 +220,7 @@ fn check_light(path: &Path, file: &str, mistakes: &mut Mistakes) {
     if !path.is_file() {
         return mistakes.add(file, "", "does not exist");
     }
-    match nodes::io::picture::size(path) {
+    match scene::io::picture::size(path) {
         None => mistakes.add(file, "", "is not a picture, or its header is damaged"),
         Some([width, height]) if width != 2 * height => {
             mistakes.add(

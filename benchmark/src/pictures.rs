@@ -52,7 +52,7 @@ pub fn given(folder: &Path, set: &Set, taken: &[&str]) -> Result<Vec<Given>, Err
             for view in &case.views {
                 let short = format!("{}/{}.png", case.name, view.name);
                 let path = folder.join(&name).join(&case.name).join(format!("{}.png", view.name));
-                match nodes::io::picture::size(&path) {
+                match scene::io::picture::size(&path) {
                     _ if !path.is_file() => missing.push(short),
                     None => mistakes.add(
                         &format!("{name}/{short}"),

@@ -1,7 +1,7 @@
 //! Scores of each view, read from the results of a run.
 
 use engine::{Engine, Graph, Wire};
-use nodes::types::{Cell, Report, Table};
+use scene::types::{Cell, Report, Table};
 
 use crate::graph::{Composed, Scored};
 use crate::set::Set;

@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use nodes::io::exr::{self, Channel, Depth};
-use nodes::types::Picture;
+use scene::io::exr::{self, Channel, Depth};
+use scene::types::Picture;
 
 use crate::error::Error;
 use crate::graph::{Composed, dim_path};
@@ -41,7 +41,7 @@ pub fn write(made: &Composed, set: &Set, folder: &Path) -> Result<PathBuf, Error
 fn dimmed(path: &Path) -> Result<Vec<u8>, Error> {
     let wrong = |why: String| Error::Picture { path: path.display().to_string(), why };
     let bytes = std::fs::read(path).map_err(|error| wrong(error.to_string()))?;
-    let picture: Picture = nodes::io::picture::of_bytes(&path.display().to_string(), &bytes)
+    let picture: Picture = scene::io::picture::of_bytes(&path.display().to_string(), &bytes)
         .map_err(|error| wrong(error.to_string()))?;
     let (width, height, channels) = picture.size();
     if channels < 3 {

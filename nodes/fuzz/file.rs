@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 use engine::{Context, InputFile, Kind, NodeError, Notes, Scene, SourceRoot, Up};
-use nodes::io::splats::Frame;
+use scene::io::splats::Frame;
 use nodes::kinds::load_cameras::{self, Distortion, LoadCameras};
 use nodes::kinds::load_mesh::{self, ColourEncoding, LoadMesh, MeshFrame};
 use nodes::kinds::load_object::{self, LoadObject};

@@ -3,7 +3,7 @@
 pub mod file;
 
 use engine::{Context, Scene, Up};
-use nodes::io::splats::{Frame, from_bytes};
+use scene::io::splats::{Frame, from_bytes};
 
 /// Reads `head` followed by `data` as one file. The result must be an error, or a scene that contains only finite
 /// numbers and no more splats than the file can hold.
@@ -23,7 +23,7 @@ pub fn read(head: &[u8], data: &[u8]) {
 
 /// Decodes a picture of any format. All samples must be finite.
 pub fn picture(data: &[u8]) {
-    if let Ok(picture) = nodes::io::picture::of_bytes("fuzz", data) {
+    if let Ok(picture) = scene::io::picture::of_bytes("fuzz", data) {
         let (width, height, channels) = picture.size();
         assert_eq!(picture.samples().len(), width * height * channels);
         assert!(picture.samples().iter().all(|v| v.is_finite()));

@@ -1,30 +1,16 @@
 //! The kinds of lightharmony.
 //!
 //! Each kind is one file in [`kinds`] (a folder if it is large) with its documentation, parameters, ports, code and
-//! unit tests, and one line in the table of this file. The other modules contain code that kinds share. A file
-//! imports only from its own module and from those after it in this list: `kinds`, [`train`], [`render`],
-//! [`geometry`], [`light`], [`io`], [`types`], [`math`], [`program`], [`error`].
+//! unit tests, and one line in the table of this file. What kinds compute with is in the crates `render` and `scene`.
+//! No kind imports another; [`program`] is for kinds that run installed programs.
 
 use std::sync::OnceLock;
 
 use engine::{KindEntry, Registry};
 use kinds::*;
 
-pub mod error;
-pub mod geometry;
-pub mod io;
 pub mod kinds;
-pub mod light;
-pub mod math;
 pub mod program;
-pub mod render;
-pub mod train;
-pub mod types;
-
-#[cfg(test)]
-mod testing;
-
-pub use error::Error;
 
 /// The kinds that [`add_kinds`] added.
 static ADDED: OnceLock<Vec<fn() -> KindEntry>> = OnceLock::new();

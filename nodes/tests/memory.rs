@@ -9,10 +9,10 @@ use std::process::Command;
 
 use cap::Cap;
 use engine::{Engine, Event, Graph, RunOptions, Source, SourceRoot, Store};
-use nodes::io::exr::{Channel, Depth};
-use nodes::io::png::{Packing, Raster};
-use nodes::io::progress::Progress;
-use nodes::io::{exr, jpeg, png};
+use scene::io::exr::{Channel, Depth};
+use scene::io::png::{Packing, Raster};
+use scene::io::progress::Progress;
+use scene::io::{exr, jpeg, png};
 
 #[global_allocator]
 static COUNTED: Cap<System> = Cap::new(System, usize::MAX);

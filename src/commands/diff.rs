@@ -10,9 +10,9 @@ use engine::{
     Artifact, Bundle, Context, Difference, Engine, FileBytes, Files, InputFile, Kind, NodeDifference, Recipe,
     ResultDifferences, Scene, Up, graph_differences, result_differences,
 };
-use nodes::io::exr::{self, Channel, Planes};
 use nodes::kinds::load_image::{self, FileEncoding, LoadImage};
-use nodes::types::{Data, Image, Images, NamedImage};
+use scene::io::exr::{self, Channel, Planes};
+use scene::types::{Data, Image, Images, NamedImage};
 
 use crate::session::origin::{OriginArgs, is_picture};
 use crate::session::splats;
@@ -81,7 +81,7 @@ fn files_difference(a: &Files, b: &Files) -> Difference {
     if views(a) != views(b) {
         return a.difference(b);
     }
-    let shown = |file: &FileBytes| match nodes::io::picture::of_bytes(&file.view, &file.bytes) {
+    let shown = |file: &FileBytes| match scene::io::picture::of_bytes(&file.view, &file.bytes) {
         Ok(picture) => Some(Images::single(file.view.clone(), picture)),
         Err(_) => layers(&file.view, &file.bytes),
     };
@@ -112,7 +112,7 @@ fn recipe(path: &Path) -> Result<Option<Recipe>, Error> {
         return Ok(None);
     }
     let bytes = std::fs::read(path).map_err(|error| Error::unreadable("picture", path, &error))?;
-    let text = nodes::io::recipe::recipe(&bytes);
+    let text = scene::io::recipe::recipe(&bytes);
     let named = |error: engine::RecipeError| Error::of_file(path, &error);
     text.map(|text| Recipe::parse(&text)).transpose().map_err(named)
 }

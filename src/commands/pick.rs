@@ -3,8 +3,8 @@
 use clap::Args;
 use engine::{Graph, Wire};
 use glam::DVec3;
-use nodes::render::pick::{Picked, on_mesh, on_splats};
-use nodes::types::{Mesh, Rig, Splats};
+use render::pick::{Picked, on_mesh, on_splats};
+use scene::types::{Mesh, Rig, Splats};
 
 use crate::session::splats::{context, failed};
 use crate::session::{EngineArgs, Error, GraphArgs, compute, find, wires};

@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use clap::Args;
 use engine::{Engine, Graph, Up, Wire};
 use glam::DMat4;
-use nodes::render::look::{of_mesh, of_object};
-use nodes::types::{Mesh, Object, Placed, Splats};
+use render::look::{of_mesh, of_object};
+use scene::types::{Mesh, Object, Placed, Splats};
 
 use crate::session::{EngineArgs, Error, GraphArgs, compute, find, look, sheet, splats};
 use crate::terminal;
@@ -63,7 +63,7 @@ impl Show {
             let views = sheet::pictures(&engine, graph, wire).ok_or_else(gone)?;
             let (raster, ranges) = sheet::sheet(&views, self.exposure);
             ranges.iter().for_each(|range| terminal::remark(range));
-            let bytes = nodes::io::png::write(&raster, true, &[]);
+            let bytes = scene::io::png::write(&raster, true, &[]);
             (bytes.map_err(|error| Error::of_file(&path, &error))?, String::new())
         } else {
             let (scene, up) = scene(&engine, graph, wire).ok_or_else(gone)?;

@@ -5,14 +5,14 @@ use std::path::Path;
 
 use engine::{Context, NodeError, Up};
 use glam::DVec3;
-use nodes::geometry::level::{self, LevelEstimate};
-use nodes::io::picture::of_bytes;
-use nodes::math::color::{linear_from_srgb, luminance, srgb_from_linear};
-use nodes::math::equirect::axes;
-use nodes::render::layout::Viewpoint;
-use nodes::render::look::{Canvas, Plan, of_mesh as splats_of_mesh, views};
-use nodes::render::splat::{Settings, render};
-use nodes::types::{Mesh, Picture, Rig, Splats};
+use render::geometry::level::{self, LevelEstimate};
+use render::layout::Viewpoint;
+use render::look::{Canvas, Plan, of_mesh as splats_of_mesh, views};
+use render::splat::{Settings, render};
+use scene::io::picture::of_bytes;
+use scene::math::color::{linear_from_srgb, luminance, srgb_from_linear};
+use scene::math::equirect::axes;
+use scene::types::{Mesh, Picture, Rig, Splats};
 
 use crate::session::splats;
 use crate::session::standing::{Standing, UpBy};

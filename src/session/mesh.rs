@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use engine::{Context, FileHead, InputFile, Kind, NodeError, Notes};
 use nodes::kinds::load_mesh::{self, ColourEncoding, LoadMesh, MeshFrame};
-use nodes::types::Mesh;
+use scene::types::Mesh;
 
 /// Maximum length of the header of a PLY file, in bytes.
 const PLY_HEADER: u64 = 1 << 16;

@@ -28,7 +28,7 @@ pub fn is_written_once(path: &Path) -> bool {
 
 /// True if a file is a picture of a format that can contain a recipe.
 pub fn is_picture(path: &Path) -> bool {
-    nodes::io::recipe::is_picture(&head(path))
+    scene::io::recipe::is_picture(&head(path))
 }
 
 /// The first bytes of a file; empty if it cannot be read.
@@ -76,7 +76,7 @@ impl Origin {
         let metadata = file.metadata().map_err(failed)?;
         let mut bytes = Vec::with_capacity(metadata.len().min(MOST_AT_ONCE) as usize + 1);
         bytes.extend(head);
-        if nodes::io::recipe::is_picture(&bytes) {
+        if scene::io::recipe::is_picture(&bytes) {
             file.take(LARGEST_PICTURE).read_to_end(&mut bytes).map_err(failed)?;
             return Self::picture(path, &bytes, args);
         }
@@ -131,7 +131,7 @@ impl Origin {
 
     fn picture(path: &Path, bytes: &[u8], args: &OriginArgs) -> Result<Self, Error> {
         let named = |error: engine::RecipeError| Error::of_file(path, &error);
-        let text = nodes::io::recipe::recipe(bytes).ok_or(engine::RecipeError::NoRecipe).map_err(named)?;
+        let text = scene::io::recipe::recipe(bytes).ok_or(engine::RecipeError::NoRecipe).map_err(named)?;
         let recipe = Recipe::parse(&text).map_err(named)?;
         let registry = nodes::registry();
         let other = recipe.other_kinds(&registry);

@@ -1,10 +1,10 @@
 //! Sheets: the pictures of an output side by side, as a display shows them.
 
 use engine::{Engine, Graph, Wire};
-use nodes::io::png::{self, Raster};
-use nodes::math::color::{code8, srgb_from_linear};
-use nodes::math::num;
-use nodes::types::{Environment, Images, NamedImage, Panorama, Picture, Views};
+use scene::io::png::{self, Raster};
+use scene::math::color::{code8, srgb_from_linear};
+use scene::math::num;
+use scene::types::{Environment, Images, NamedImage, Panorama, Picture, Views};
 
 /// Space between the pictures of a sheet, in pixels.
 const GAP: usize = 4;
@@ -164,7 +164,7 @@ fn shown(picture: &Picture, exposure: f32) -> (Vec<u16>, Option<String>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nodes::types::{Data, Image, Linear};
+    use scene::types::{Data, Image, Linear};
 
     fn view(picture: Picture) -> NamedImage {
         NamedImage { name: "a".to_owned(), picture }

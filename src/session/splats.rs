@@ -5,9 +5,9 @@ use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
 use engine::{Context, FileHead, InputFile, Kind, Level, NodeError, Notes, Scene, SourceRoot, Up};
-use nodes::io::picture::floats_of;
 use nodes::kinds::load_splats::{self, Frame, LoadSplats};
-use nodes::types::Splats;
+use scene::io::picture::floats_of;
+use scene::types::Splats;
 
 use super::error::Error;
 use super::mesh;

@@ -5,14 +5,14 @@ use std::sync::Arc;
 
 use engine::{Context, InputFile, Kind, NodeError, Scene, Up};
 use glam::DVec3;
-use nodes::geometry::level::{self, LevelEstimate};
-use nodes::io::splats::{Format, from_y_up};
 use nodes::kinds::load_cameras::{self, Distortion, LoadCameras};
 use nodes::kinds::load_splats::{self, Frame, LoadSplats};
-use nodes::math::equirect::axes;
-use nodes::math::num;
-use nodes::types::frame::Similarity;
-use nodes::types::{Rig, Splats};
+use render::geometry::level::{self, LevelEstimate};
+use scene::io::splats::{Format, from_y_up};
+use scene::math::equirect::axes;
+use scene::math::num;
+use scene::types::frame::Similarity;
+use scene::types::{Rig, Splats};
 
 /// Maximum angle in degrees between the measured up direction and an axis. If the angle is at most this, the axis
 /// is used as the up direction.

@@ -3,7 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
-use nodes::io::exr::{self, Channel, Depth};
+use scene::io::exr::{self, Channel, Depth};
 
 use crate::program::Place;
 

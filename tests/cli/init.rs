@@ -15,10 +15,10 @@ fn yard(tilt: f64) -> Vec<u8> {
     let mut sheet = |count: usize, middle: [f64; 3], half: [f64; 3], thin: usize, shade: f32| {
         for i in 0..count {
             let [x, y, z] = [0, 1, 2].map(|k| middle[k] + 2.0 * half[k] * unit(i, k + 1));
-            let (s, c) = nodes::math::num::sin_cos(tilt);
+            let (s, c) = scene::math::num::sin_cos(tilt);
             let mean = [x * c - y * s, x * s + y * c, z].map(|v| v as f32);
             let scale = [0, 1, 2].map(|k| if k == thin { -7.0 } else { -2.8 });
-            let (half_s, half_c) = nodes::math::num::sin_cos(0.5 * tilt);
+            let (half_s, half_c) = scene::math::num::sin_cos(0.5 * tilt);
             let quat = [half_c, 0.0, 0.0, half_s].map(|v| v as f32);
             let mut row = [0.0; 14];
             row[..3].copy_from_slice(&mean);

@@ -1,6 +1,6 @@
 //! Tests of layers for a compositing program.
 
-use nodes::io::exr::{self, Planes};
+use scene::io::exr::{self, Planes};
 
 use crate::Place;
 

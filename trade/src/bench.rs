@@ -11,7 +11,7 @@ use engine::{
     RunOptions, Source, Spent, Wire, overlay_text,
 };
 use nodes::kinds::compare::Space;
-use nodes::types::{Images, Report};
+use scene::types::{Images, Report};
 
 use crate::deadline::Deadline;
 use crate::error::Error;

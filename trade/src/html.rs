@@ -3,9 +3,9 @@
 use std::fmt::Write as _;
 
 use base64::prelude::{BASE64_STANDARD, Engine as _};
-use nodes::io::png::{self, Raster};
-use nodes::math::color::srgb_from_linear;
-use nodes::types::{Cell, Picture, Report};
+use scene::io::png::{self, Raster};
+use scene::math::color::srgb_from_linear;
+use scene::types::{Cell, Picture, Report};
 
 use crate::escape::escaped;
 
@@ -189,7 +189,7 @@ fn raster(width: usize, height: usize, codes: Vec<u16>) -> Raster {
 }
 
 fn code(value: f32) -> u16 {
-    u16::from(nodes::math::color::code8(value))
+    u16::from(scene::math::color::code8(value))
 }
 
 /// Converts a picture to 8-bit display values, over a black background.
@@ -244,7 +244,7 @@ fn halved(of: Raster, widest: usize) -> Raster {
 #[allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 mod tests {
     use super::*;
-    use nodes::types::{Data, Image, Linear};
+    use scene::types::{Data, Image, Linear};
 
     #[test]
     fn a_page_needs_nothing_beside_it_and_quotes_what_users_named() {

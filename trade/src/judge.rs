@@ -7,9 +7,9 @@ use engine::{Artifact, Context, Graph, Kind, NodeError, Notes, Wire};
 use nodes::kinds::compare::{Compare, In, Space};
 use nodes::kinds::composite::{self, Composite};
 use nodes::kinds::write_exr::WriteExr;
-use nodes::math::metrics::PIXELS_PER_DEGREE;
-use nodes::types::layers::linear;
-use nodes::types::{Cell, Data, Image, Images, Linear, NamedImage, Picture, Report};
+use scene::math::metrics::PIXELS_PER_DEGREE;
+use scene::types::layers::linear;
+use scene::types::{Cell, Data, Image, Images, Linear, NamedImage, Picture, Report};
 
 use crate::metric::Metric;
 use crate::off::Off;

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use nodes::types::{Cell, Report};
+use scene::types::{Cell, Report};
 
 use crate::bench::NodeCost;
 use crate::plot::tick_text;
@@ -244,7 +244,7 @@ fn frames(nodes: &[NodeCost]) -> LeftOut {
 mod tests {
     use super::*;
     use engine::{Digest, Level, Note};
-    use nodes::types::Table;
+    use scene::types::Table;
 
     fn node(id: &str, kind: &'static str) -> NodeCost {
         NodeCost {

@@ -70,7 +70,7 @@ impl Metric {
         let (name, value) = text.split_once('=')?;
         let metric = Self::of(name.trim())?;
         let value: f64 = value.trim().parse().ok().filter(|v: &f64| v.is_finite() && *v >= 0.0)?;
-        let bound = if metric.of == Of::Psnr { nodes::math::num::pow(10.0, -value / 20.0) } else { value };
+        let bound = if metric.of == Of::Psnr { scene::math::num::pow(10.0, -value / 20.0) } else { value };
         Some((metric, bound))
     }
 
@@ -127,7 +127,7 @@ impl Metric {
             off.iter().filter(|row| row.region == self.region && row.judged == judged && row.pixels > 0);
         let value = |row: &Off| match self.of {
             Of::Column(column) => row.value(column),
-            Of::Rmse | Of::Psnr => row.value("psnr (dB)").map(|db| nodes::math::num::pow(10.0, -db / 20.0)),
+            Of::Rmse | Of::Psnr => row.value("psnr (dB)").map(|db| scene::math::num::pow(10.0, -db / 20.0)),
         };
         let counting =
             rows.map(|row| (row.counts, value(row))).filter(|(counts, value)| *counts || value.is_some());
@@ -138,7 +138,7 @@ impl Metric {
 /// PSNR in dB for a root mean square error of values with a maximum of 1.
 fn decibels(rmse: f64) -> f64 {
     // The subtraction from 0 avoids -0 dB for an error of 1.
-    if rmse > 0.0 { 0.0 - 20.0 * nodes::math::num::f64::log10(rmse) } else { f64::INFINITY }
+    if rmse > 0.0 { 0.0 - 20.0 * scene::math::num::f64::log10(rmse) } else { f64::INFINITY }
 }
 
 /// A number as a JSON value. Infinity, which JSON cannot represent, becomes text.

@@ -34,7 +34,7 @@ pub fn svg(
     shown: impl Fn(f64) -> String,
     bound: Option<f64>,
 ) -> Option<String> {
-    let log = |value: f64| nodes::math::num::f64::log10(value);
+    let log = |value: f64| scene::math::num::f64::log10(value);
     let errors = dots.iter().map(|dot| dot.error).chain(bound).filter(|e| *e > 0.0 && e.is_finite());
     let least = errors.clone().reduce(f64::min).unwrap_or(1e-3);
     let floor = least / 3.0;
@@ -140,8 +140,8 @@ fn place_of_name(name: &str, (x, y): (f64, f64), others: &[[f64; 4]]) -> [f64; 4
 fn ticks(low: f64, high: f64) -> Vec<f64> {
     let decades = low.floor() as i32..=high.ceil() as i32;
     let steps: &[f64] = if high - low < 2.5 { &[1.0, 2.0, 5.0] } else { &[1.0] };
-    let all = decades.flat_map(|d| steps.iter().map(move |s| s * nodes::math::num::pow(10.0, f64::from(d))));
-    all.filter(|v| (low..=high).contains(&nodes::math::num::f64::log10(*v))).collect()
+    let all = decades.flat_map(|d| steps.iter().map(move |s| s * scene::math::num::pow(10.0, f64::from(d))));
+    all.filter(|v| (low..=high).contains(&scene::math::num::f64::log10(*v))).collect()
 }
 
 /// Formats a number with few characters, such as `1.2 M`, `0.004` or `2e-6`.

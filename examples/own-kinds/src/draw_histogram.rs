@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use lightharmony::engine::{self, Context, Kind, NodeError, Notes};
-use lightharmony::nodes::types::{Image, Images, Linear};
+use lightharmony::scene::types::{Image, Images, Linear};
 
 use crate::histogram::Histogram;
 

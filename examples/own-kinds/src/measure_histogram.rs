@@ -3,9 +3,9 @@
 use std::sync::Arc;
 
 use lightharmony::engine::{self, Context, Kind, NodeError, Notes};
-use lightharmony::nodes::math::color::luminance;
-use lightharmony::nodes::types::Images;
-use lightharmony::nodes::types::layers::linear;
+use lightharmony::scene::math::color::luminance;
+use lightharmony::scene::types::Images;
+use lightharmony::scene::types::layers::linear;
 
 use crate::histogram::Histogram;
 

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use cache::Digest;
 use engine::{Context, Kind, Scene, Up};
 use nodes::kinds::compare::{Compare, In};
-use nodes::types::{Images, NamedImage, Picture, Report};
+use scene::types::{Images, NamedImage, Picture, Report};
 
 use crate::live::Live;
 use crate::values::Weight;
@@ -84,7 +84,7 @@ impl Live {
 
 #[cfg(test)]
 mod tests {
-    use nodes::types::{Data, Image, Linear, Srgb};
+    use scene::types::{Data, Image, Linear, Srgb};
 
     use super::*;
 

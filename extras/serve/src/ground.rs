@@ -2,9 +2,9 @@
 
 use engine::Context;
 use glam::DVec3;
-use nodes::math::equirect::axes;
-use nodes::render::pick::{on_mesh, on_splats};
-use nodes::types::Camera;
+use render::pick::{on_mesh, on_splats};
+use scene::math::equirect::axes;
+use scene::types::Camera;
 use serde::Deserialize;
 use serde_json::{Value, json};
 
@@ -45,7 +45,7 @@ pub fn ground(live: &Live, ray: &Ray) -> Result<Value, String> {
         _ => return Err("this value has no surface".to_owned()),
     };
     let picked = picked.map_err(|_| "there is no surface along this ray".to_owned())?;
-    let steep = nodes::math::num::atan2(picked.normal.cross(up).length(), picked.normal.dot(up)).to_degrees();
+    let steep = scene::math::num::atan2(picked.normal.cross(up).length(), picked.normal.dot(up)).to_degrees();
     Ok(
         json!({"position": picked.position.to_array(), "normal": picked.normal.to_array(), "steep_deg": steep}),
     )

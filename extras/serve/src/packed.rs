@@ -5,8 +5,8 @@
 //! so that scenes in survey coordinates keep their detail.
 
 use glam::{DMat3, DQuat, DVec3};
-use nodes::math::color::{code8, linear_from_srgb, srgb_from_linear};
-use nodes::types::{Material, Mesh, Object, Primitive, SplatEncoding, Splats, TextureRef, Wrap};
+use scene::math::color::{code8, linear_from_srgb, srgb_from_linear};
+use scene::types::{Material, Mesh, Object, Primitive, SplatEncoding, Splats, TextureRef, Wrap};
 use serde_json::{Value, json};
 
 use crate::thinned::{clustered, sampled};
@@ -181,7 +181,7 @@ fn texel(object: &Object, part: &Primitive, at: &TextureRef, vertex: usize) -> O
     let uvs = if at.uv_set == 0 { &part.uv0 } else { &part.uv1 };
     let [mut u, mut v] = *uvs.get(vertex)?;
     if let Some(transform) = at.transform {
-        let (sin, cos) = nodes::math::num::sin_cos(f64::from(transform.rotation));
+        let (sin, cos) = scene::math::num::sin_cos(f64::from(transform.rotation));
         let (sin, cos) = (sin as f32, cos as f32);
         let [x, y] = [u * transform.scale[0], v * transform.scale[1]];
         (u, v) = (x * cos + y * sin + transform.offset[0], y * cos - x * sin + transform.offset[1]);

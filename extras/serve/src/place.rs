@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use engine::Wire;
 use glam::DMat4;
-use nodes::math::equirect::axes;
-use nodes::types::Camera;
+use scene::math::equirect::axes;
+use scene::types::Camera;
 use serde_json::{Value, json};
 
 use crate::editor::SharedGraph;

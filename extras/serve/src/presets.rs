@@ -1,7 +1,7 @@
 //! Presets, knobs, and skipped work of the graph that the page shows.
 
 use engine::{Forecast, Graph, PRESETS};
-use nodes::types::Report;
+use scene::types::Report;
 use serde::Deserialize;
 use serde_json::{Value, json};
 use trade::bench::NodeCost;

@@ -7,8 +7,8 @@ use std::sync::{Mutex, PoisonError};
 use std::time::UNIX_EPOCH;
 
 use cache::Digest;
-use nodes::io::picture::of_bytes;
-use nodes::types::NamedImage;
+use scene::io::picture::of_bytes;
+use scene::types::NamedImage;
 use serde::Serialize;
 
 use crate::values::Shown;
@@ -110,7 +110,7 @@ mod tests {
         let at = |name: &str| folder.path().join(name);
         fs::create_dir_all(at("a/b/c"))?;
         let codes = vec![7, 8, 9];
-        let raster = nodes::io::png::Raster {
+        let raster = scene::io::png::Raster {
             width: 1,
             height: 1,
             channels: 3,
@@ -119,7 +119,7 @@ mod tests {
             colour: None,
             ignored: Vec::new(),
         };
-        let png = nodes::io::png::write(&raster, true, &[]).unwrap_or_default();
+        let png = scene::io::png::write(&raster, true, &[]).unwrap_or_default();
         for name in ["truth.png", "a/b/deep.PNG", "a/b/c/deeper.png", ".hidden.png", "notes.txt"] {
             fs::write(at(name), &png)?;
         }

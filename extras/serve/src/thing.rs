@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use cache::Digest;
 use engine::{Engine, Graph, Wire};
-use nodes::types::{Mesh, Object, Placed, Rig, Splats};
+use scene::types::{Mesh, Object, Placed, Rig, Splats};
 
 use crate::values::{Weight, stored_or_computed};
 

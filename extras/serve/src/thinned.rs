@@ -1,7 +1,7 @@
 //! Fewer splats and triangles that look alike, for the place view.
 
 use glam::DVec3;
-use nodes::types::Splats;
+use scene::types::Splats;
 
 use crate::packed::Surface;
 

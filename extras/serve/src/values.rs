@@ -4,12 +4,12 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use cache::Digest;
 use engine::{Artifact, Engine, Graph, Wire};
-use nodes::io::png::{Packing, Raster, write_for};
-use nodes::io::progress::Progress;
-use nodes::math::color::space::Space;
-use nodes::math::color::{code8, srgb_from_linear};
-use nodes::math::num;
-use nodes::types::{Brackets, Environment, Images, NamedImage, Panorama, Picture, Report, Views};
+use scene::io::png::{Packing, Raster, write_for};
+use scene::io::progress::Progress;
+use scene::math::color::space::Space;
+use scene::math::color::{code8, srgb_from_linear};
+use scene::math::num;
+use scene::types::{Brackets, Environment, Images, NamedImage, Panorama, Picture, Report, Views};
 use serde::Serialize;
 
 /// Types of values that can be shown.
@@ -78,7 +78,7 @@ impl Shown {
         let pictures = match type_name {
             "image" => value!(Images)?.0,
             "views" => {
-                let both = |view: nodes::types::View| {
+                let both = |view: scene::types::View| {
                     let name = view.camera.name;
                     let depth = NamedImage { name: format!("{name} depth"), picture: view.depth.into() };
                     [NamedImage { name, picture: view.colour }, depth]
@@ -149,7 +149,7 @@ pub fn halves(picture: &Picture) -> Vec<u8> {
 ///
 /// # Errors
 /// If the PNG cannot be encoded.
-pub fn png(picture: &Picture, exposure: f32, size: Option<usize>) -> Result<Vec<u8>, nodes::Error> {
+pub fn png(picture: &Picture, exposure: f32, size: Option<usize>) -> Result<Vec<u8>, scene::Error> {
     let (width, height, channels) = picture.size();
     let step = size.map_or(1, |size| width.max(height).div_ceil(size.max(1))).max(1);
     let (columns, rows) = (width.div_ceil(step), height.div_ceil(step));
@@ -236,12 +236,12 @@ impl<T: Weight> Decoded<T> {
 
 #[cfg(test)]
 mod tests {
-    use nodes::types::{Data, Image, Linear};
+    use scene::types::{Data, Image, Linear};
 
     use super::*;
 
     fn codes(picture: &Picture, exposure: f32, size: Option<usize>) -> (usize, usize, Vec<u16>) {
-        let png = png(picture, exposure, size).and_then(|bytes| nodes::io::png::read("a.png", &bytes));
+        let png = png(picture, exposure, size).and_then(|bytes| scene::io::png::read("a.png", &bytes));
         png.map(|raster| (raster.width, raster.height, raster.codes)).unwrap_or_default()
     }
 

@@ -3,10 +3,9 @@
 use std::sync::Arc;
 
 use engine::{Context, Kind, NodeError, Notes, ViewCount};
-
-use crate::math::color::{linear_from_srgb, luminance};
-use crate::types::layers::{linear, matching};
-use crate::types::{Data, Image, Images, NamedImage};
+use scene::math::color::{linear_from_srgb, luminance};
+use scene::types::layers::{linear, matching};
+use scene::types::{Data, Image, Images, NamedImage};
 
 engine::params! {
     /// Makes the shadow in the way that alpha compositing of a grey mask would, instead of from a ratio of light.
@@ -79,8 +78,8 @@ impl Kind for AlphaShadow {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::context;
-    use crate::types::Linear;
+    use scene::types::Linear;
+    use testing::context;
 
     #[test]
     fn mask_is_grey_and_deeper_than_the_light_lost() {

@@ -4,12 +4,11 @@ use std::sync::Arc;
 
 use engine::{Context, ContextField, Keep, Kind, NodeError, Notes, ViewCount};
 use glam::{DMat4, DVec3};
-
-use crate::math::equirect::axes;
-use crate::math::num;
-use crate::math::num::sin_cos_deg;
-use crate::types::view::check_name;
-use crate::types::{self, Rig};
+use scene::math::equirect::axes;
+use scene::math::num;
+use scene::math::num::sin_cos_deg;
+use scene::types::view::check_name;
+use scene::types::{self, Rig};
 
 engine::params! {
     /// A camera that stands at `eye` and looks at `target`.

@@ -3,8 +3,7 @@
 use std::sync::Arc;
 
 use engine::{Context, Cost, Kind, NodeError, Notes};
-
-use crate::types::{Data, Image, Images, Linear, NamedImage, Picture, Srgb};
+use scene::types::{Data, Image, Images, Linear, NamedImage, Picture, Srgb};
 
 engine::params! {
     /// Arranges many pictures in one picture, row by row, in the order of the wires. The input can be the output of
@@ -116,7 +115,7 @@ mod tests {
     use super::*;
 
     fn sheet(columns: u32, gap_px: u32, images: Vec<Images>) -> Result<Image<Data>, String> {
-        let cx = crate::testing::context();
+        let cx = testing::context();
         let inputs = In { images: images.into_iter().map(Arc::new).collect() };
         let (out, _) =
             ContactSheet::run(&ContactSheet { columns, gap_px }, inputs, &cx).map_err(|e| e.to_string())?;

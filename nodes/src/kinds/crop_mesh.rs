@@ -4,9 +4,8 @@ use std::sync::Arc;
 
 use engine::{Context, ContextField, Keep, Kind, NodeError, Notes};
 use glam::DVec3;
-
-use crate::math::equirect::axes;
-use crate::types::Mesh;
+use scene::math::equirect::axes;
+use scene::types::Mesh;
 
 engine::params! {
     /// Keeps the triangles of a mesh that lie in a box and below a height.
@@ -95,7 +94,7 @@ impl Kind for CropMesh {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::context;
+    use testing::context;
 
     #[test]
     fn what_is_outside_goes_with_its_vertices() {

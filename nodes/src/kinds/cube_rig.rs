@@ -4,9 +4,8 @@ use std::sync::Arc;
 
 use engine::{Context, ContextField, Keep, Kind, NodeError, Notes, ViewCount};
 use glam::DVec3;
-
-use crate::math::{equirect, num};
-use crate::types::{Camera, Pose, Rig};
+use scene::math::{equirect, num};
+use scene::types::{Camera, Pose, Rig};
 
 engine::choices! {
     /// Orientation of the cube of cameras.
@@ -149,7 +148,7 @@ mod tests {
 
     #[test]
     fn only_the_translation_of_the_pose_enters() {
-        let cx = crate::testing::context();
+        let cx = testing::context();
         let params = CubeRig { height_metres: 0.5, size_px: 16, guard_deg: 3.0, turn: Turn::OffAxis };
         let rig = |m: DMat4| {
             let pose = Arc::new(Pose { world_from_local: m });

@@ -4,10 +4,9 @@
 use std::sync::Arc;
 
 use engine::{Context, Keep, Kind, NodeError, Notes, ViewCount};
-
-use crate::light::env_resolution::EnvResolution;
-use crate::light::panorama::COLUMNS_A_PIXEL;
-use crate::types::{Environment, Placed, Rig};
+use render::light::env_resolution::EnvResolution;
+use render::light::panorama::COLUMNS_A_PIXEL;
+use scene::types::{Environment, Placed, Rig};
 
 engine::params! {
     /// Reduces the resolution of the views around a point to the resolution that the objects lit by them can show.
@@ -106,13 +105,13 @@ mod tests {
 
     use super::*;
     use crate::kinds::cube_rig::{Turn, cube};
-    use crate::math::equirect::{axes, direction};
-    use crate::types::{Image, Material, Object, Primitive};
+    use scene::math::equirect::{axes, direction};
+    use scene::types::{Image, Material, Object, Primitive};
 
     /// Dim sky with a disc of light of the given diameter in degrees, 40 degrees above the horizon.
     fn lit(width: usize, disc_deg: f64) -> Arc<Environment> {
-        let (sin, cos) = crate::math::num::sin_cos_deg(40.0);
-        let (towards, edge) = (DVec3::new(cos, 0.0, sin), crate::math::num::sin_cos_deg(disc_deg / 2.0).1);
+        let (sin, cos) = scene::math::num::sin_cos_deg(40.0);
+        let (towards, edge) = (DVec3::new(cos, 0.0, sin), scene::math::num::sin_cos_deg(disc_deg / 2.0).1);
         let at = |i: usize| ((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
         let light = |i: usize| {
             let (x, y) = at(i);
@@ -137,8 +136,7 @@ mod tests {
     fn run(side: u32, roughness: f32, look: Arc<Environment>, skip_fine: bool) -> (Arc<Rig>, String) {
         let rig = cube(DVec3::ONE, axes(Up::PlusZ), side, 3.0, Turn::OffAxis);
         let inputs = In { rig: Arc::new(rig), objects: vec![of(roughness)], look };
-        let (out, notes) =
-            FitProbe::run(&FitProbe { skip_fine }, inputs, &crate::testing::context()).expect("runs");
+        let (out, notes) = FitProbe::run(&FitProbe { skip_fine }, inputs, &testing::context()).expect("runs");
         (out.rig, notes.iter().map(|note| note.text.clone()).collect())
     }
 
@@ -202,7 +200,7 @@ mod tests {
             let mut rig = cube(DVec3::ONE, axes(Up::PlusZ), 64, 3.0, Turn::OffAxis);
             change(&mut rig);
             let inputs = In { rig: Arc::new(rig), objects: Vec::new(), look: lit(64, 9.0) };
-            let reported = FitProbe::run(&FitProbe { skip_fine: true }, inputs, &crate::testing::context());
+            let reported = FitProbe::run(&FitProbe { skip_fine: true }, inputs, &testing::context());
             reported.err().map(|error| error.to_string()).unwrap_or_default()
         };
         assert!(refused(|rig| rig.cameras.clear()).contains("no camera"));

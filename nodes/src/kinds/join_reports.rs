@@ -3,8 +3,7 @@
 use std::sync::Arc;
 
 use engine::{Context, ContextField, Kind, NodeError, Notes};
-
-use crate::types::{Cell, Report, Table};
+use scene::types::{Cell, Report, Table};
 
 engine::params! {
     /// Concatenates the tables of many reports. If the reports come from a `Gather`, each row starts with the
@@ -99,7 +98,7 @@ mod tests {
     }
 
     fn join(reports: Vec<Arc<Report>>) -> Result<Report, String> {
-        let cx = crate::testing::context();
+        let cx = testing::context();
         let joined = JoinReports::run(&JoinReports {}, In { reports }, &cx).map_err(|e| e.to_string())?;
         Ok((*joined.0.report).clone())
     }

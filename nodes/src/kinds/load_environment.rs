@@ -6,10 +6,9 @@ use engine::{
     Context, ContextField, Cost, FileHead, InputFile, Keep, Kind, NodeError, Notes, SourceFile, SourceRoot,
 };
 use glam::DVec3;
-
-use crate::io::picture::{floats_of, head_of};
-use crate::light::whole_sphere::{self, turn_in_place};
-use crate::types::{Environment, Image, Images, Light};
+use render::light::whole_sphere::{self, turn_in_place};
+use scene::io::picture::{floats_of, head_of};
+use scene::types::{Environment, Image, Images, Light};
 
 engine::params! {
     /// Loads an equirectangular panorama of linear light: OpenEXR or Radiance HDR.

@@ -3,13 +3,12 @@
 use std::sync::Arc;
 
 use engine::{Context, Cost, FileHead, InputFile, Keep, Kind, NodeError, Notes, SourceFile, SourceRoot};
+use scene::io::picture::{decode, floats_of};
+use scene::io::progress::Progress;
+use scene::types::view::check_name;
+use scene::types::{Images, NamedImage};
 
-use crate::io::picture::{decode, floats_of};
-use crate::io::progress::Progress;
-use crate::types::view::check_name;
-use crate::types::{Images, NamedImage};
-
-pub use crate::io::picture::FileEncoding;
+pub use scene::io::picture::FileEncoding;
 
 engine::params! {
     /// Loads pictures: PNG, JPEG, OpenEXR or Radiance HDR.

@@ -8,16 +8,15 @@ use engine::{
     Up,
 };
 use glam::DVec3;
-
-use crate::io::picture::floats_of;
-use crate::light::energy::Energy;
-use crate::light::exposure::ev0_scale;
-use crate::light::holes;
-use crate::light::whole_sphere::{self, growth, premultiplied, straight, turn};
-use crate::math::color::{code8, linear_from_srgb, luminance, srgb_from_linear};
-use crate::math::equirect::pixel_solid_angle;
-use crate::math::num;
-use crate::types::{Environment, Image, Images, Linear, Panorama, Picture, Srgb};
+use render::light::energy::Energy;
+use render::light::exposure::ev0_scale;
+use render::light::holes;
+use render::light::whole_sphere::{self, growth, premultiplied, straight, turn};
+use scene::io::picture::floats_of;
+use scene::math::color::{code8, linear_from_srgb, luminance, srgb_from_linear};
+use scene::math::equirect::pixel_solid_angle;
+use scene::math::num;
+use scene::types::{Environment, Image, Images, Linear, Panorama, Picture, Srgb};
 
 engine::params! {
     /// Loads an equirectangular panorama as a camera recorded it: PNG, JPEG, OpenEXR or Radiance HDR.
@@ -236,8 +235,8 @@ fn photograph(mut light: Image<Linear>, ev: f64, up: Up, notes: &mut Notes) -> (
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::io::png::{self, Raster};
     use engine::Scene;
+    use scene::io::png::{self, Raster};
 
     fn load(bytes: &[u8], photograph_ev: Option<f64>) -> Result<(Out, Notes), NodeError> {
         turned(bytes, photograph_ev, 0.0)
@@ -301,10 +300,10 @@ mod tests {
         let mut planes: Vec<Vec<f32>> = vec![Vec::new(); 3];
         rgb.iter().enumerate().for_each(|(i, v)| planes[i % 3].push(*v));
         let channel = |(name, samples): (&str, Vec<f32>)| {
-            (crate::io::exr::Channel { name: name.into(), samples }, crate::io::exr::Depth::Float)
+            (scene::io::exr::Channel { name: name.into(), samples }, scene::io::exr::Depth::Float)
         };
         let channels = ["R", "G", "B"].into_iter().zip(planes).map(channel).collect();
-        crate::io::exr::write(8, 4, channels, "linear", None).expect("writes").0
+        scene::io::exr::write(8, 4, channels, "linear", None).expect("writes").0
     }
 
     #[test]
@@ -372,7 +371,7 @@ mod tests {
         let file = |glow: f32| {
             let plane = |name: &str, other: f32, at: f32| {
                 let samples = (0..8).map(|i| if i == 3 { at } else { other }).collect();
-                (crate::io::exr::Channel { name: name.into(), samples }, crate::io::exr::Depth::Float)
+                (scene::io::exr::Channel { name: name.into(), samples }, scene::io::exr::Depth::Float)
             };
             let planes = vec![
                 plane("R", 0.2, glow),
@@ -380,7 +379,7 @@ mod tests {
                 plane("B", 0.2, glow),
                 plane("A", 1.0, 0.0),
             ];
-            crate::io::exr::write(4, 2, planes, "linear", None).expect("writes").0
+            scene::io::exr::write(4, 2, planes, "linear", None).expect("writes").0
         };
         let reported = |glow: f32| {
             let (_, notes) = load(&file(glow), None).expect("loads");

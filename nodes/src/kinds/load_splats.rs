@@ -7,14 +7,13 @@ use engine::{
     Up,
 };
 use glam::DVec3;
+use render::geometry::level::{self, LevelEstimate};
+use scene::io::splats::{SplatFiles, size};
+use scene::math::{equirect, num};
+use scene::types::Splats;
+use scene::types::frame::Similarity;
 
-use crate::geometry::level::{self, LevelEstimate};
-use crate::io::splats::{Loaded, Placing, Reading, assemble, load, load_ranges, report, size, source};
-use crate::math::{equirect, num};
-use crate::types::Splats;
-use crate::types::frame::Similarity;
-
-pub use crate::io::splats::Frame;
+pub use scene::io::splats::Frame;
 
 engine::params! {
     /// Loads a scene of Gaussian splats.
@@ -98,20 +97,11 @@ impl Kind for LoadSplats {
     }
 
     fn sources(params: &Self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
-        let mut sources = Vec::new();
-        for named in std::iter::once(&params.path).chain(&params.more) {
-            let expanded = source::expand(named, &root.file(named).path, params.level)?;
-            sources.extend(expanded.listing.iter().map(|file| root.file(file)));
-            for piece in &expanded.pieces {
-                sources.extend(source::with_companions(&piece.file, root)?);
-            }
-        }
-        Ok(sources)
+        params.files().sources(root)
     }
 
     fn run(params: &Self, _inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
-        let (files, mut notes) = params.read(false, cx)?;
-        let splats = assemble(files, cx)?;
+        let (splats, mut notes) = params.files().splats(cx)?;
         cx.count("splats", splats.len() as u64);
         if splats.is_empty() {
             notes.degraded("no-splats", "the scene contains no splat that can be drawn");
@@ -124,55 +114,17 @@ impl Kind for LoadSplats {
 }
 
 impl LoadSplats {
-    /// Reads the files. If `plain` is true, only the mean of each colour over all directions is read.
-    fn read(&self, plain: bool, cx: &Context) -> Result<(Vec<Loaded>, Notes), NodeError> {
-        let mut notes = Notes::none();
-        let matrix = Similarity::of_parameter(self.matrix.as_ref())?;
-        let placing = Placing { frame: self.frame, up: cx.up(), metres_per_unit: cx.metres_per_unit() };
-        let reading = Reading { cx, placing, max_extent: self.max_extent, matrix, plain };
-        let (mut names, mut sources) = (Vec::new(), Vec::new());
-        for (field, named) in
-            std::iter::once(("path", &self.path)).chain(self.more.iter().map(|file| ("more", file)))
-        {
-            let expanded =
-                source::expand(named, &cx.source(named).path, self.level).map_err(|e| e.at(field))?;
-            sources.extend(expanded.listing.iter().map(|file| cx.source(file)));
-            for (id, text, warning) in expanded.notes {
-                if warning {
-                    notes.warning(id, text);
-                } else {
-                    notes.decision(id, text);
-                }
-            }
-            for piece in expanded.pieces {
-                sources.extend(source::with_companions(&piece.file, cx.root()).map_err(|e| e.at(field))?);
-                names.push((field, piece));
-            }
+    /// The files that the parameters name.
+    fn files(&self) -> SplatFiles {
+        SplatFiles {
+            path: self.path.clone(),
+            more: self.more.clone(),
+            strict: self.strict,
+            max_extent: self.max_extent,
+            level: self.level,
+            frame: self.frame,
+            matrix: self.matrix,
         }
-        cx.check_listed(&sources)?;
-        let mut files = Vec::new();
-        let total = names.len() as f32;
-        for (done, (field, piece)) in names.iter().enumerate() {
-            let file = &piece.file;
-            cx.progress(done as f32 / total);
-            let fetch = |name: &str| cx.read_sibling(file, name);
-            let read = || {
-                let bytes = cx.read(file)?;
-                // Notes are part of the result, which does not depend on the location of the file.
-                let path = std::path::Path::new(&file.0);
-                let name = path.file_name().filter(|_| path.is_absolute());
-                let name = name.map_or_else(|| file.0.clone(), |name| name.to_string_lossy().into_owned());
-                let loaded = match &piece.ranges {
-                    Some(ranges) => load_ranges(&name, &bytes, ranges, &fetch, &reading, &mut notes)?,
-                    None => load(&name, &bytes, &fetch, &reading, &mut notes)?,
-                };
-                report(&name, &loaded, self.strict, &mut notes)?;
-                Ok(loaded)
-            };
-            let mut read = read;
-            files.push(read().map_err(|e: NodeError| e.at(field))?);
-        }
-        Ok((files, notes))
     }
 
     /// Reads the scene without the harmonics above degree 0, which saves memory. Also returns the degree of the
@@ -180,9 +132,7 @@ impl LoadSplats {
     ///
     /// # Errors If [`run`](Kind::run) would fail.
     pub fn plain(&self, cx: &Context) -> Result<(Splats, u32, Notes), NodeError> {
-        let (files, notes) = self.read(true, cx)?;
-        let degree = files.iter().map(|file| file.stored_degree).max().unwrap_or(0);
-        Ok((assemble(files, cx)?, degree, notes))
+        self.files().plain(cx)
     }
 }
 
@@ -241,9 +191,9 @@ mod tests {
     use glam::{DMat3, DQuat};
 
     use super::*;
-    use crate::io::splats::save::{SaveFormat, encode};
-    use crate::render::splat::{Settings, render};
-    use crate::types::Camera;
+    use render::splat::{Settings, render};
+    use scene::io::splats::save::{SaveFormat, encode};
+    use scene::types::Camera;
 
     /// A scene is reported if its floor and walls show that its up axis is -y, which is usual for INRIA files. This
     /// test fails if `angle <= SAME_UP_DEG` is changed to `angle > SAME_UP_DEG`.

@@ -3,8 +3,7 @@
 use std::sync::Arc;
 
 use engine::{Context, Keep, Kind, NodeError, Notes};
-
-use crate::types::{AlphaMode, Material, Object};
+use scene::types::{AlphaMode, Material, Object};
 
 engine::choices! {
     /// Type of the material.
@@ -84,8 +83,8 @@ impl Kind for OverrideMaterial {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::context;
-    use crate::types::Primitive;
+    use scene::types::Primitive;
+    use testing::context;
 
     #[test]
     fn every_part_gets_the_one_material() {

@@ -3,9 +3,8 @@
 use std::sync::Arc;
 
 use engine::{Context, Keep, Kind, NodeError, Notes, SourceRoot, ViewCount};
-
-use crate::types::Rig;
-use crate::types::pick::{Pick, chosen, count_of};
+use scene::types::Rig;
+use scene::types::pick::{Pick, chosen, count_of};
 
 engine::params! {
     /// Picks cameras of a rig, for example one camera for each value of an axis.
@@ -67,8 +66,8 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
-    use crate::testing::context;
-    use crate::types::Camera;
+    use scene::types::Camera;
+    use testing::context;
 
     fn rig() -> Arc<Rig> {
         let camera = |i: u32| {

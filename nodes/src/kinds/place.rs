@@ -3,9 +3,8 @@
 use std::sync::Arc;
 
 use engine::{Context, ContextField, Keep, Kind, NodeError, Notes};
-
-use crate::types::frame::world_from_gltf;
-use crate::types::{Object, Placed, Pose};
+use scene::types::frame::world_from_gltf;
+use scene::types::{Object, Placed, Pose};
 
 engine::params! {
     /// Places an object at a pose.
@@ -66,7 +65,7 @@ mod tests {
             c, s, 0.0, 0.0, -s, c, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.4, 0.3, 0.0, 1.0,
         ]);
         let inputs = In { object: Arc::default(), pose: Arc::new(Pose { world_from_local: local }) };
-        let cx = crate::testing::context();
+        let cx = testing::context();
         let (out, _) = Place::run(&Place {}, inputs, &cx).unwrap_or_else(|e| panic!("{e}"));
         let m = out.placed.world_from_object;
         assert_eq!(m.transform_point3(DVec3::ZERO), DVec3::new(0.4, 0.3, 0.0));

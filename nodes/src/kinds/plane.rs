@@ -4,11 +4,10 @@ use std::sync::Arc;
 
 use engine::{Context, ContextField, Kind, NodeError, Notes};
 use glam::DVec3;
-
-use crate::math::color::linear_from_srgb;
-use crate::math::equirect;
-use crate::render::splat::{Settings, render};
-use crate::types::{Camera, Mesh, Pose, SplatEncoding, Splats};
+use render::splat::{Settings, render};
+use scene::math::color::linear_from_srgb;
+use scene::math::equirect;
+use scene::types::{Camera, Mesh, Pose, SplatEncoding, Splats};
 
 engine::params! {
     /// Makes a rectangle at a pose: a quick replacement for the mesh of a place, for objects on level ground.
@@ -173,7 +172,7 @@ mod tests {
     use glam::DMat4;
 
     use super::*;
-    use crate::testing::context;
+    use testing::context;
 
     fn plane(params: &Plane, pose: DMat4, splats: Option<Arc<Splats>>) -> Arc<Mesh> {
         let at = Arc::new(Pose { world_from_local: pose });

@@ -4,11 +4,10 @@ use std::sync::Arc;
 
 use engine::{Context, ContextField, Keep, Kind, NodeError, Notes, Wired};
 use glam::{DMat3, DMat4, DVec3};
-
-use crate::math::equirect::{axes, yaw};
-use crate::math::num;
-use crate::render::pick::{on_mesh, on_splats};
-use crate::types::{Mesh, Pose, Rig, Splats};
+use render::pick::{on_mesh, on_splats};
+use scene::math::equirect::{axes, yaw};
+use scene::math::num;
+use scene::types::{Mesh, Pose, Rig, Splats};
 
 engine::params! {
     /// The pose of an object: the position of the origin of its file, the direction it faces, and its size.
@@ -177,8 +176,8 @@ fn row_major(rows: &[f64; 16]) -> DMat4 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::num::sin_cos_deg;
     use engine::{Scene, Up};
+    use scene::math::num::sin_cos_deg;
 
     pub(crate) fn pose(up: Up, p: &PoseNode) -> Pose {
         let cx = Context::detached(Scene { up, metres_per_unit: 1.0, seed: 0, exhaustive: false }, ".");
@@ -252,7 +251,7 @@ mod tests {
 
     /// Floor at z = 0.5 that ends with a wall at y = 2, and a camera in front of the wall. The top of the wall is
     /// at z = 1.5.
-    fn place() -> (Mesh, crate::types::Camera) {
+    fn place() -> (Mesh, scene::types::Camera) {
         let mut mesh = Mesh::default();
         let mut quad = |corners: [[f32; 3]; 4]| {
             let first = mesh.positions.len() as u32;
@@ -264,14 +263,14 @@ mod tests {
         let forward = DVec3::new(0.0, 1.0, -0.3).normalize();
         let axes = [DVec3::X, forward.cross(DVec3::X), forward];
         let eye = DVec3::new(0.0, -3.0, 1.7);
-        (mesh, crate::types::Camera::centred("view", [64, 48], 40.0, axes, eye))
+        (mesh, scene::types::Camera::centred("view", [64, 48], 40.0, axes, eye))
     }
 
     fn at(pixel: [f64; 2], on_splats: bool) -> Result<Pose, NodeError> {
         let (mesh, camera) = place();
         let cx =
             Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false }, ".");
-        let splats = on_splats.then(|| Arc::new(crate::render::look::of_mesh(&mesh)));
+        let splats = on_splats.then(|| Arc::new(render::look::of_mesh(&mesh)));
         let mesh = (!on_splats).then(|| Arc::new(mesh));
         let inputs = In { rig: Some(Arc::new(Rig { cameras: vec![camera] })), mesh, splats };
         let p = PoseNode { pixel: Some(pixel), translation: [0.0, 0.0, 0.25], ..plain() };

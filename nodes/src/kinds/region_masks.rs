@@ -3,10 +3,9 @@
 use std::sync::Arc;
 
 use engine::{Context, Kind, NodeError, Notes, ViewCount, Wired};
-
-use crate::math::color::srgb_from_linear;
-use crate::types::layers::{linear, matching};
-use crate::types::{Data, Image, Images, NamedImage, Picture};
+use scene::math::color::srgb_from_linear;
+use scene::types::layers::{linear, matching};
+use scene::types::{Data, Image, Images, NamedImage, Picture};
 
 engine::params! {
     /// Divides a picture into the object, its shadow and the rest, for `compare`.
@@ -202,8 +201,8 @@ fn contact_band(object: &[bool], width: usize, height: usize, share: f64) -> Vec
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::context;
-    use crate::types::Srgb;
+    use scene::types::Srgb;
+    use testing::context;
 
     fn one(picture: impl Into<Picture>) -> Arc<Images> {
         Arc::new(Images::single("v", picture))

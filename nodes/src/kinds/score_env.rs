@@ -4,16 +4,15 @@ use std::sync::Arc;
 
 use engine::{Context, Kind, NodeError, Notes};
 use glam::DVec3;
-
-use crate::error::Error;
-use crate::light::emitters;
-use crate::light::measure::{
+use render::light::emitters;
+use render::light::measure::{
     self, brightest, cells, centroid, contrast, irradiance, irradiances, luminance, spiral,
 };
-use crate::light::spheres::{Sphere, sphere_error};
-use crate::math::equirect::{axes, pixel_solid_angle};
-use crate::math::num;
-use crate::types::{Cell, Environment, Report, Table};
+use render::light::spheres::{Sphere, sphere_error};
+use scene::error::Error;
+use scene::math::equirect::{axes, pixel_solid_angle};
+use scene::math::num;
+use scene::types::{Cell, Environment, Report, Table};
 
 engine::params! {
     /// Scores recovered light against a reference.
@@ -279,9 +278,9 @@ fn weighed(env: &Environment, truth: &Environment) -> (Option<f64>, Option<f64>)
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::equirect::direction;
-    use crate::types::Image;
     use engine::{Scene, Up};
+    use scene::math::equirect::direction;
+    use scene::types::Image;
 
     fn env(width: usize, sun: DVec3, power: f32) -> Environment {
         let height = width / 2;

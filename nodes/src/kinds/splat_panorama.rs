@@ -3,14 +3,13 @@
 use std::sync::Arc;
 
 use engine::{Context, ContextField, Cost, Former, Kind, NodeError, Notes, Sizes};
+use render::light::panorama::{Unfilled, check_width, finish, linear_row};
+use render::splat::near;
+use render::splat::{self, Drawing, MAX_PIXELS, PanoramaCamera, Rendered, Sort, Surface, most_bytes};
+use scene::math::equirect;
+use scene::types::{Data, Image, Images, Mesh, Panorama, Pose, SplatEncoding, Splats};
 
-use crate::light::panorama::{Unfilled, check_width, finish, linear_row};
-use crate::math::equirect;
-use crate::render::splat::near;
-use crate::render::splat::{self, Drawing, MAX_PIXELS, PanoramaCamera, Rendered, Sort, Surface, most_bytes};
-use crate::types::{Data, Image, Images, Mesh, Panorama, Pose, SplatEncoding, Splats};
-
-pub use crate::light::panorama::Holes;
+pub use render::light::panorama::Holes;
 
 engine::params! {
     /// Renders a splat scene directly into an equirectangular panorama.
@@ -200,7 +199,7 @@ mod tests {
     use crate::kinds::splat_render;
     use crate::kinds::splat_render::SplatRender;
     use crate::kinds::stitch;
-    use crate::testing::context;
+    use testing::context;
 
     fn params(width_px: u32, supersample: u32) -> (SplatPanorama, Drawing) {
         let own = SplatPanorama {
@@ -264,7 +263,7 @@ mod tests {
                 }
             }
         }
-        let Some(crate::types::Picture::Data(depth)) = direct.depth.view("pano") else { panic!("no depth") };
+        let Some(scene::types::Picture::Data(depth)) = direct.depth.view("pano") else { panic!("no depth") };
         assert!(depth.samples.iter().all(|d| (d - 5.0).abs() < 0.1));
         assert!(direct.alpha.0[0].picture.samples().iter().all(|a| *a > 0.9));
         assert_eq!(direct.blends.0.len(), 1);

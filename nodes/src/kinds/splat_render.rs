@@ -3,12 +3,11 @@
 use std::sync::Arc;
 
 use engine::{Context, ContextField, Cost, Former, Kind, NodeError, Notes, Sizes, ViewCount};
-
-use crate::render::splat::near;
-use crate::render::splat::{
+use render::splat::near;
+use render::splat::{
     self, Blocks, DepthMode, Drawing, Limit, MAX_PIXELS, Sort, Work, most_bytes, render_with,
 };
-use crate::types::{Camera, Data, Image, Images, NamedImage, Picture, Rig, Splats, View, Views, tagged};
+use scene::types::{Camera, Data, Image, Images, NamedImage, Picture, Rig, Splats, View, Views, tagged};
 
 engine::params! {
     /// Renders a splat scene for each camera of a rig.
@@ -208,8 +207,8 @@ impl Kind for SplatRender {
 mod tests {
     use super::*;
     use crate::kinds::cube_rig::{Turn, cube};
-    use crate::math::equirect;
-    use crate::testing::context;
+    use scene::math::equirect;
+    use testing::context;
 
     /// Views of nothing are reported, but not if another camera of the rig sees the splats, or `limit` hides them.
     #[test]

@@ -3,11 +3,10 @@
 use std::sync::Arc;
 
 use engine::{Context, ContextField, Cost, FileBytes, Files, Kind, NodeError, Notes, OutputFile};
-
-use crate::io::png::{self, Raster};
-use crate::io::progress::Progress;
-use crate::io::quantise::{AlphaOutput, Lost, Shown, quantise};
-use crate::types::{Images, Picture};
+use scene::io::png::{self, Raster};
+use scene::io::progress::Progress;
+use scene::io::quantise::{AlphaOutput, Lost, Shown, quantise};
+use scene::types::{Images, Picture};
 
 engine::params! {
     /// Writes frames as an animated PNG (APNG), which every browser plays; other programs show the first frame.
@@ -123,8 +122,8 @@ fn delay(fps: f64) -> (u16, u16) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::types::{Image, Srgb};
     use engine::{Scene, Up};
+    use scene::types::{Image, Srgb};
 
     fn write(frames: &[Images]) -> Result<Vec<FileBytes>, String> {
         let cx =

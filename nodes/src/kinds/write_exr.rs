@@ -5,11 +5,10 @@ use std::sync::Arc;
 use engine::{
     Context, ContextField, Cost, FileBytes, Files, Kind, NodeError, Notes, OutputFile, ViewCount, Wired,
 };
-
-use crate::io::exr::{self, Channel, Depth};
-use crate::io::progress::Progress;
-use crate::math::color::space::{Conversion, Space};
-use crate::types::{Encoding, Images, Linear, Picture};
+use scene::io::exr::{self, Channel, Depth};
+use scene::io::progress::Progress;
+use scene::math::color::space::{Conversion, Space};
+use scene::types::{Encoding, Images, Linear, Picture};
 
 engine::choices! {
     /// Encoding of the written colours.
@@ -345,9 +344,9 @@ fn add_layer(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::color::linear_from_srgb;
-    use crate::types::{Data, Image, NamedImage, Srgb};
     use engine::{Scene, Up};
+    use scene::math::color::linear_from_srgb;
+    use scene::types::{Data, Image, NamedImage, Srgb};
 
     fn run(p: &WriteExr, inputs: In) -> Result<(Vec<FileBytes>, Notes), NodeError> {
         WriteExr::check(p)?;

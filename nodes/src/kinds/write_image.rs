@@ -6,17 +6,16 @@ use engine::{
     Context, ContextField, Cost, FileBytes, Files, InputFile, Kind, NodeError, Notes, OutputFile, SourceFile,
     SourceRoot, ViewCount,
 };
+use scene::io::cube::CubeLut;
+use scene::io::progress::Progress;
+use scene::io::quantise::{Shown, quantise};
+use scene::io::recipe::KEYWORD;
+use scene::io::{jpeg, png};
+use scene::math::color::space::Space;
+use scene::types::{Images, NamedImage, Picture};
 
-use crate::io::cube::CubeLut;
-use crate::io::progress::Progress;
-use crate::io::quantise::{Shown, quantise};
-use crate::io::recipe::KEYWORD;
-use crate::io::{jpeg, png};
-use crate::math::color::space::Space;
-use crate::types::{Images, NamedImage, Picture};
-
-pub use crate::io::quantise::{AlphaOutput, DisplaySpace};
-pub use crate::math::color::view::View;
+pub use scene::io::quantise::{AlphaOutput, DisplaySpace};
+pub use scene::math::color::view::View;
 
 engine::choices! {
     /// Compression effort of a PNG.
@@ -194,9 +193,9 @@ impl Kind for WriteImage {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::color::linear_from_srgb;
-    use crate::testing::context as cx;
-    use crate::types::{Data, Image, Linear, Srgb};
+    use scene::math::color::linear_from_srgb;
+    use scene::types::{Data, Image, Linear, Srgb};
+    use testing::context as cx;
 
     fn node(path: &str) -> WriteImage {
         WriteImage {
@@ -285,7 +284,7 @@ mod tests {
             let (bytes, notes) = write(&WriteImage { bits: 16, space, ..node("a.png") }, picture.clone());
             assert_eq!(notes.iter().count(), 0);
             assert_ne!(bytes, plain);
-            let back = crate::io::picture::of_bytes("a.png", &bytes).unwrap_or_else(|e| panic!("{e}"));
+            let back = scene::io::picture::of_bytes("a.png", &bytes).unwrap_or_else(|e| panic!("{e}"));
             assert_eq!(back.encoding(), "srgb");
             for (a, b) in back.samples().iter().zip(codes) {
                 assert!((a - b).abs() < 1e-4, "{space:?}: {:?}", back.samples());

@@ -3,11 +3,10 @@
 use std::sync::Arc;
 
 use engine::{Context, FileBytes, Files, Kind, NodeError, Notes, OutputFile};
-
-use crate::io::cube::CubeLut;
-use crate::io::quantise::DisplaySpace;
-use crate::math::color::space::{Conversion, Space};
-use crate::math::color::view::{Display, View};
+use scene::io::cube::CubeLut;
+use scene::io::quantise::DisplaySpace;
+use scene::math::color::space::{Conversion, Space};
+use scene::math::color::view::{Display, View};
 
 engine::params! {
     /// Writes a view transform as a lookup table (`.cube`), so that other programs show pictures as `write-image`
@@ -75,7 +74,7 @@ impl Kind for WriteLut {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::context;
+    use testing::context;
 
     fn node() -> WriteLut {
         WriteLut {

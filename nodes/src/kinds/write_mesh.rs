@@ -3,9 +3,8 @@
 use std::sync::Arc;
 
 use engine::{Context, ContextField, FileBytes, Files, Kind, NodeError, Notes, OutputFile};
-
-use crate::io::mesh::{MeshFormat, encode};
-use crate::types::Mesh;
+use scene::io::mesh::{MeshFormat, encode};
+use scene::types::Mesh;
 
 engine::params! {
     /// Writes a mesh as PLY, GLB or OBJ, depending on the extension of the path.
@@ -71,7 +70,7 @@ mod tests {
 
     use super::*;
     use crate::kinds::load_mesh::{self, ColourEncoding, LoadMesh, MeshFrame};
-    use crate::testing::context;
+    use testing::context;
 
     /// Writes a mesh and reads it back.
     fn read_back(mesh: &Mesh, name: &str) -> Arc<Mesh> {

@@ -4,8 +4,7 @@ use std::fmt::Write as _;
 use std::sync::Arc;
 
 use engine::{Context, FileBytes, Files, Kind, NodeError, Notes, OutputFile};
-
-use crate::types::{Cell, Report, Table};
+use scene::types::{Cell, Report, Table};
 
 engine::params! {
     /// Writes a report as JSON, CSV, Markdown or plain text, depending on the extension of the path.
@@ -150,7 +149,7 @@ fn prose(report: &Report, title: &str, heading: &str, markdown: bool) -> String 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::context;
+    use testing::context;
 
     fn write(path: &str) -> String {
         let p = WriteReport { path: OutputFile(path.into()) };

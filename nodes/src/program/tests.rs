@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use super::*;
-use crate::testing::context;
+use testing::context;
 
 const SHELL: &str = "/bin/sh";
 

@@ -14,8 +14,8 @@ use nodes::kinds::composite::{self, Composite};
 use nodes::kinds::path_trace::surroundings::Surroundings;
 use nodes::kinds::path_trace::{self, PathTrace};
 use nodes::kinds::shadow_ratio::{self, ShadowRatio};
-use nodes::math::color::luminance;
-use nodes::types::{Environment, Images, Mesh, Placed, Rig};
+use scene::math::color::luminance;
+use scene::types::{Environment, Images, Mesh, Placed, Rig};
 
 /// Numbers of seeds and of samples per pixel with which the scenes are traced.
 struct Effort {

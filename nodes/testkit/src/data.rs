@@ -9,7 +9,7 @@ use nodes::kinds::load_environment::{self, LoadEnvironment};
 use nodes::kinds::load_mesh::{self, ColourEncoding, LoadMesh, MeshFrame};
 use nodes::kinds::load_object::{self, LoadObject};
 use nodes::kinds::load_splats::{self, Frame, LoadSplats};
-use nodes::types::{Environment, Mesh, Object, Rig, Splats};
+use scene::types::{Environment, Mesh, Object, Rig, Splats};
 
 /// A folder of files, and the `scene` settings with which kinds run on the files.
 #[derive(Clone)]

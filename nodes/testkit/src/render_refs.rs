@@ -5,13 +5,13 @@ use std::sync::Arc;
 
 use engine::{Kind, Notes};
 use glam::DMat4;
-use nodes::io::exr;
 use nodes::kinds::denoise::{self, Denoise, Method};
 use nodes::kinds::load_mesh::ColourEncoding;
 use nodes::kinds::override_material::{self, OverrideMaterial, Surface};
 use nodes::kinds::path_trace::surroundings::Surroundings;
 use nodes::kinds::path_trace::{self, PathTrace};
-use nodes::types::{Camera, Environment, Mesh, Placed, Rig};
+use scene::io::exr;
+use scene::types::{Camera, Environment, Mesh, Placed, Rig};
 
 use crate::{Data, thread_seconds};
 

@@ -1,8 +1,8 @@
 //! Scores that compare pictures.
 
-use nodes::math::color::luminance;
-use nodes::math::num;
-use nodes::types::Images;
+use scene::math::color::luminance;
+use scene::math::num;
+use scene::types::Images;
 
 /// RGB samples of the first picture.
 pub fn rgb(images: &Images) -> Vec<f32> {

@@ -1,7 +1,7 @@
 //! Reference renders of `splat-refs`, computed in float64.
 
 use glam::{DMat3, DMat4, DVec3};
-use nodes::types::Camera;
+use scene::types::Camera;
 
 use crate::Data;
 

@@ -8,8 +8,8 @@ use engine::{Context, Kind, Scene, Up};
 use glam::{DMat4, DVec3};
 use nodes::kinds::path_trace::surroundings::Surroundings;
 use nodes::kinds::path_trace::{self, PathTrace};
-use nodes::math::{equirect, num};
-use nodes::types::{Camera, Environment, Image, Images, Material, Mesh, Object, Placed, Primitive, Rig};
+use scene::math::{equirect, num};
+use scene::types::{Camera, Environment, Image, Images, Material, Mesh, Object, Placed, Primitive, Rig};
 
 const WIDTH: u32 = 16;
 const HEIGHT: u32 = 12;

@@ -2,7 +2,7 @@
 //! the plane with the most points is found by trying many more planes than the node does.
 
 use glam::{DMat3, DVec3};
-use nodes::types::{Cell, Mesh, Placed, Report};
+use scene::types::{Cell, Mesh, Placed, Report};
 
 /// Number of vertical lines along each side of the region under the foot.
 const GRID: u32 = 24;

@@ -4,9 +4,9 @@ use std::f64::consts::PI;
 
 use engine::Up;
 use glam::DVec3;
-use nodes::math::equirect;
-use nodes::math::num;
-use nodes::types::{Cell, Environment, Report};
+use scene::math::equirect;
+use scene::math::num;
+use scene::types::{Cell, Environment, Report};
 
 use super::references::luminance;
 

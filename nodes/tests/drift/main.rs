@@ -18,7 +18,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use engine::{Artifact, Engine, Graph, RunOptions, Source, SourceRoot, Store, Wire};
-use nodes::types::{Brackets, Environment, Images, Mesh, Panorama, Placed, Report, Rig, Splats, Views};
+use scene::types::{Brackets, Environment, Images, Mesh, Panorama, Placed, Report, Rig, Splats, Views};
 
 /// Permitted difference between metrics and their published definitions. It is not 0, because this crate uses the
 /// rounded matrices, white points and curves of published tools.

@@ -2,7 +2,7 @@
 //! Zwicker 2012).
 
 use glam::DVec3;
-use nodes::math::num;
+use scene::math::num;
 
 use super::references::luminance;
 

@@ -15,8 +15,8 @@ use nodes::kinds::shadow_ratio::{self, ShadowRatio};
 use nodes::kinds::snap::{self, Snap};
 use nodes::kinds::splat_render::{self, SplatRender};
 use nodes::kinds::stitch::{self, Stitch};
-use nodes::render::splat::Drawing;
-use nodes::types::{Images, Mesh, Object, Pose, Rig, Splats};
+use render::splat::Drawing;
+use scene::types::{Images, Mesh, Object, Pose, Rig, Splats};
 
 use super::Run;
 

@@ -5,9 +5,9 @@ use std::f64::consts::PI;
 
 use engine::Up;
 use glam::{DMat3, DVec3};
-use nodes::math::equirect;
-use nodes::math::num;
-use nodes::types::{Brackets, Cell, Panorama, Picture, Report, Views};
+use scene::math::equirect;
+use scene::math::num;
+use scene::types::{Brackets, Cell, Panorama, Picture, Report, Views};
 
 /// Converts sRGB to linear light, according to IEC 61966-2-1.
 fn decoded(v: f64) -> f64 {

@@ -5,8 +5,8 @@ use std::f64::consts::PI;
 
 use engine::Up;
 use glam::{DMat3, DQuat, DVec3};
-use nodes::math::{equirect, num};
-use nodes::types::{Camera, Mesh, Placed, Splats};
+use scene::math::{equirect, num};
+use scene::types::{Camera, Mesh, Placed, Splats};
 
 use super::references::{encoded, light};
 

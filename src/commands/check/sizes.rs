@@ -3,11 +3,11 @@
 use std::sync::Arc;
 
 use engine::{Code, Context, Diagnostic, Diagnostics, Graph, Kind, Scene, Up, Wire};
-use nodes::io::picture;
 use nodes::kinds::camera::Camera;
 use nodes::kinds::demo_scene::DemoScene;
 use nodes::kinds::load_cameras::{self, LoadCameras};
 use nodes::kinds::load_image::LoadImage;
+use scene::io::picture;
 
 /// Width and height of each view in pixels.
 type Sizes = Vec<[u64; 2]>;
@@ -129,7 +129,7 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let [width, height] = plate.map(|side| side as usize);
         let codes = vec![9; width * height * 3];
-        let raster = nodes::io::png::Raster {
+        let raster = scene::io::png::Raster {
             width,
             height,
             channels: 3,
@@ -138,7 +138,7 @@ mod tests {
             ignored: Vec::new(),
             colour: None,
         };
-        let bytes = nodes::io::png::write(&raster, true, &[]).unwrap_or_default();
+        let bytes = scene::io::png::write(&raster, true, &[]).unwrap_or_default();
         std::fs::write(folder.path().join("plate.png"), bytes).expect("it is written");
         let text = format!(
             r#"Graph(version: 1, scene: (up: "+z"), nodes: (

@@ -4,9 +4,9 @@ use std::io::Write;
 use std::path::Path;
 
 use engine::{NodeError, Notes, Up};
-use nodes::io::mesh::{MeshFormat, encode};
 use nodes::kinds::load_mesh::MeshFrame;
-use nodes::types::Mesh;
+use scene::io::mesh::{MeshFormat, encode};
+use scene::types::Mesh;
 
 use super::{Convert, check_output};
 use crate::session::{Error, mesh, splats};

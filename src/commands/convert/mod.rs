@@ -7,9 +7,9 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use engine::{Context, NodeError, Notes, ReadFiles, Up};
-use nodes::io::splats::Frame;
-use nodes::io::splats::save::{SaveFormat, encode};
-use nodes::types::Splats;
+use scene::io::splats::Frame;
+use scene::io::splats::save::{SaveFormat, encode};
+use scene::types::Splats;
 
 use crate::session::Error;
 use crate::session::mesh::is_mesh;
@@ -122,8 +122,8 @@ fn check_output(input: &Path, output: &Path) -> Result<(), NodeError> {
 /// Warns if the floor of a scene indicates an up axis that differs from the assumed up axis.
 fn warn_of_floor(scene: &Splats, up: Up, notes: &mut Notes, cx: &Context) -> Result<(), NodeError> {
     cx.check()?;
-    let level = nodes::geometry::level::of_splats(scene, None).filter(|level| level.is_sure());
-    let [_, _, axis] = nodes::math::equirect::axes(up);
+    let level = render::geometry::level::of_splats(scene, None).filter(|level| level.is_sure());
+    let [_, _, axis] = scene::math::equirect::axes(up);
     // 20 degrees, because a capture may be tilted a little.
     if let Some(level) = level.filter(|level| glam::DVec3::from_array(level.up).dot(axis) < 0.94) {
         let measured = level.axis().map_or_else(

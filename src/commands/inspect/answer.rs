@@ -1,8 +1,8 @@
 //! The measured properties of a file.
 
 use engine::Notes;
-use nodes::geometry::inspect::mesh;
-use nodes::geometry::inspect::splats::Inspection;
+use render::geometry::inspect::mesh;
+use render::geometry::inspect::splats::Inspection;
 use serde::Serialize;
 
 use super::picture;

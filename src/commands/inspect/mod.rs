@@ -9,10 +9,10 @@ use std::path::PathBuf;
 
 use clap::Args;
 use engine::{NodeError, Notes, Up};
-use nodes::geometry::inspect::mesh;
-use nodes::geometry::inspect::splats::inspect as splats_of;
-use nodes::io::splats::Format;
 use nodes::kinds::load_mesh::MeshFrame;
+use render::geometry::inspect::mesh;
+use render::geometry::inspect::splats::inspect as splats_of;
+use scene::io::splats::Format;
 
 use crate::session::Error;
 use crate::session::look;

@@ -2,8 +2,8 @@
 
 use std::fmt::Write as _;
 
-use nodes::geometry::inspect::{Extent, Finding, FloorGuess, mesh, splats::Inspection};
-use nodes::geometry::level::LevelEstimate;
+use render::geometry::inspect::{Extent, Finding, FloorGuess, mesh, splats::Inspection};
+use render::geometry::level::LevelEstimate;
 
 use super::answer::Answer;
 use super::picture;

@@ -1,9 +1,9 @@
 //! The size and brightness of a picture.
 
-use nodes::io::picture::of_bytes;
-use nodes::math::color::luminance;
-use nodes::math::num;
-use nodes::types::Picture;
+use scene::io::picture::of_bytes;
+use scene::math::color::luminance;
+use scene::math::num;
+use scene::types::Picture;
 use serde::Serialize;
 
 /// The size and brightness of a picture.

@@ -160,7 +160,7 @@ fn name(path: &Path) -> String {
     path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-fn read(paths: &[PathBuf]) -> Result<Vec<(String, nodes::types::Image<nodes::types::Linear>)>, String> {
+fn read(paths: &[PathBuf]) -> Result<Vec<(String, scene::types::Image<scene::types::Linear>)>, String> {
     let read = |path: &PathBuf| {
         let bytes = std::fs::read(path).map_err(|e| format!("cannot read `{}`: {e}", path.display()))?;
         let image = training::read(&path.display().to_string(), &bytes).map_err(|e| e.to_string())?;

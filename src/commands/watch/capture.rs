@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use engine::NodeError;
 use glam::DVec3;
-use nodes::render::layout::{Extents, Viewpoint, arrange};
+use render::layout::{Extents, Viewpoint, arrange};
 use serve::{Proposal, Stand, Starter};
 
 use crate::session::first_graph::assumptions;
@@ -70,7 +70,7 @@ impl Capture {
         let (stand, cx) = (&self.standing.stand, splats::context(self.standing.up));
         let scene = &self.standing.splats;
         let arranged = arrange(scene, stand, &ORDINARY, self.metres_per_unit, None, &cx)?;
-        let [right, forward, up] = nodes::math::equirect::axes(self.standing.up);
+        let [right, forward, up] = scene::math::equirect::axes(self.standing.up);
         let centre = DVec3::from_array(stand.centre);
         let aside = (right * 0.4 - forward + up * 0.5) * (1.5 * stand.radius);
         let outside = Viewpoint { eye: centre + aside, target: centre, fov_y_deg: 45.0, score: 0.0 };

@@ -5,8 +5,8 @@ use engine::Graph;
 use glam::DVec3;
 use nodes::kinds::load_mesh::{LoadMesh, MeshFrame};
 use nodes::kinds::load_splats::LoadSplats;
-use nodes::render::agreement::{Comparison, Finding, Likely, Moved, Regions};
-use nodes::types::frame::{Similarity, world_from_gltf};
+use render::agreement::{Comparison, Finding, Likely, Moved, Regions};
+use scene::types::frame::{Similarity, world_from_gltf};
 
 use super::pair::{self, Pair, above, instance, written};
 

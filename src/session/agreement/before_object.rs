@@ -3,8 +3,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use engine::{Digest, Engine, Graph, Wire};
-use nodes::geometry::before_object::{Depths, share};
-use nodes::types::{Camera, Images, NamedImage, Picture, Rig};
+use render::geometry::before_object::{Depths, share};
+use scene::types::{Camera, Images, NamedImage, Picture, Rig};
 
 use super::memory::{Done, Key, Memory};
 use super::pair::{DigestOf, Finding, at_one_point, backgrounds, of_kind, spread, traces, written};

@@ -10,10 +10,10 @@ use std::collections::BTreeSet;
 
 use engine::{Digest, Engine, Graph, Scene};
 use glam::DVec3;
-use nodes::geometry::support::corners;
-use nodes::math::equirect::axes;
-use nodes::render::agreement::{CapturedPlace, Comparison, compare};
-use nodes::types::{Mesh, Placed, Rig, Splats};
+use render::agreement::{CapturedPlace, Comparison, compare};
+use render::geometry::support::corners;
+use scene::math::equirect::axes;
+use scene::types::{Mesh, Placed, Rig, Splats};
 
 use memory::Key;
 pub use memory::{Done, Memory};

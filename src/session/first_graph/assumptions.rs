@@ -12,7 +12,7 @@ use crate::session::standing::{Standing, UpBy};
 
 /// Describes a confidence in words.
 fn sure(confidence: f64) -> String {
-    let word = if confidence >= nodes::geometry::level::SURE {
+    let word = if confidence >= render::geometry::level::SURE {
         "sure"
     } else if confidence >= 0.6 {
         "likely"

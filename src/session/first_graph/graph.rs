@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use glam::DVec3;
 #[cfg(feature = "serve")]
-use nodes::render::layout::Viewpoint;
+use render::layout::Viewpoint;
 
 use super::sky::Sky;
 use super::survey::{NEAR, SIZE, Survey, is_known, one_digit};
@@ -273,7 +273,7 @@ fn camera(o: &mut Lines, s: &Survey) {
         (_, _, view) => {
             let (eye, target, fov) = view.map_or_else(
                 || {
-                    let [right, forward, up] = nodes::math::equirect::axes(s.standing.up);
+                    let [right, forward, up] = scene::math::equirect::axes(s.standing.up);
                     let extent = s.extents.size().length() / s.metres_per_unit * arranged.scale;
                     let away = (right * 0.5 - forward + up * 0.4) * (4.0 * extent);
                     (arranged.place + away, arranged.place, 45.0)

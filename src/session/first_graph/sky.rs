@@ -4,10 +4,10 @@ use std::f64::consts::PI;
 
 use engine::{NodeError, Up};
 use glam::DVec3;
-use nodes::math::color::{linear_from_srgb, luminance};
-use nodes::math::equirect::{axes, direction, pixel_solid_angle};
-use nodes::render::splat::{PanoramaCamera, Settings, panorama};
-use nodes::types::{SplatEncoding, Splats};
+use render::splat::{PanoramaCamera, Settings, panorama};
+use scene::math::color::{linear_from_srgb, luminance};
+use scene::math::equirect::{axes, direction, pixel_solid_angle};
+use scene::types::{SplatEncoding, Splats};
 
 use crate::session::splats::context;
 

@@ -5,12 +5,12 @@ use std::path::{Path, PathBuf};
 
 use engine::{InputFile, Kind, NodeError, Up};
 use glam::DVec3;
-use nodes::geometry::level::{LevelEstimate, Scale};
-use nodes::io::splats::Format;
 use nodes::kinds::load_object::{self, LoadObject};
-use nodes::math::equirect::axes;
-use nodes::render::layout::{Arrangement, Extents, Surface, Viewpoint, arrange};
-use nodes::types::Rig;
+use render::geometry::level::{LevelEstimate, Scale};
+use render::layout::{Arrangement, Extents, Surface, Viewpoint, arrange};
+use scene::io::splats::Format;
+use scene::math::equirect::axes;
+use scene::types::Rig;
 
 use super::sky::Sky;
 use crate::session::standing::Standing;
@@ -178,7 +178,7 @@ impl Survey {
         }
         let yaw_deg = arranged.view.map_or(0.0, |view| facing(view.eye - arranged.place, up));
         let centre = 0.5 * (extents.low + extents.high);
-        let to_world = nodes::types::frame::world_from_gltf(up, metres_per_unit);
+        let to_world = scene::types::frame::world_from_gltf(up, metres_per_unit);
         let offset =
             yaw(up, yaw_deg, to_world.transform_vector3(DVec3::new(centre.x, extents.low.y, centre.z)));
         let translation = round(arranged.place - offset * arranged.scale);
@@ -299,14 +299,14 @@ fn facing(towards: DVec3, up: Up) -> f64 {
     let [right, forward, _] = axes(up);
     // Front of glTF in the world is the opposite of forward.
     let (x, y) = (towards.dot(right), -towards.dot(forward));
-    let angle = nodes::math::num::atan2(x, y).to_degrees() + 20.0;
+    let angle = scene::math::num::atan2(x, y).to_degrees() + 20.0;
     (angle / 5.0).round() * 5.0
 }
 
 /// Rotates a vector about the up axis, counter-clockwise seen from above.
 fn yaw(up: Up, degrees: f64, v: DVec3) -> DVec3 {
     let [right, forward, above] = axes(up);
-    let (s, c) = nodes::math::num::sin_cos(degrees.to_radians());
+    let (s, c) = scene::math::num::sin_cos(degrees.to_radians());
     let (x, y) = (v.dot(right), v.dot(forward));
     right * (x * c - y * s) + forward * (x * s + y * c) + above * v.dot(above)
 }
@@ -331,10 +331,10 @@ mod tests {
         for up in [Up::PlusZ, Up::PlusY, Up::MinusY] {
             let [right, forward, _] = axes(up);
             let towards = right * 0.6 - forward * 0.8;
-            let front = nodes::types::frame::world_from_gltf(up, 1.0).transform_vector3(DVec3::Z);
+            let front = scene::types::frame::world_from_gltf(up, 1.0).transform_vector3(DVec3::Z);
             let turned = yaw(up, facing(towards, up), front);
             let angle =
-                nodes::math::num::atan2(turned.cross(towards).length(), turned.dot(towards)).to_degrees();
+                scene::math::num::atan2(turned.cross(towards).length(), turned.dot(towards)).to_degrees();
             assert!((15.0..25.0).contains(&angle), "{angle}");
         }
     }

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use nodes::types::{Cell, Report, Table};
+use scene::types::{Cell, Report, Table};
 use serde_json::{Value, json};
 
 use crate::attribution::Attribution;

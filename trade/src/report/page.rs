@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use engine::{Level, PRESETS};
-use nodes::types::{Images, Picture};
+use scene::types::{Images, Picture};
 
 use super::measure::Measured;
 use crate::attribution::{Attribution, Blame};

@@ -31,14 +31,14 @@ fn a_picture_is_described_displayed_and_read_out() {
     assert_eq!(png.header("content-type"), Some("image/png"));
     assert_eq!(png.header("cache-control"), Some("private, max-age=31536000, immutable"));
     assert!(png.header("etag").unwrap().contains(&colour));
-    let raster = nodes::io::png::read("a.png", &png.body).unwrap();
+    let raster = scene::io::png::read("a.png", &png.body).unwrap();
     let code = |sample: f32| (sample.clamp(0.0, 1.0) * 255.0 + 0.5) as u16;
     assert_eq!((raster.width, raster.height), (32, 18));
     let expected =
         samples.chunks(channels).flat_map(|pixel| [code(pixel[0]), code(pixel[1]), code(pixel[2])]);
     assert!(raster.codes.iter().copied().eq(expected));
     let small = lab.get(&format!("/value/{colour}/0.png?size=8")).body;
-    let small = nodes::io::png::read("a.png", &small).unwrap();
+    let small = scene::io::png::read("a.png", &small).unwrap();
     assert_eq!((small.width, small.height), (8, 5));
 
     let depth = lab.get(&format!("/value/{}", digest("depth"))).json();

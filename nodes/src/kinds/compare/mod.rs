@@ -7,11 +7,11 @@ mod table;
 use std::sync::Arc;
 
 use engine::{Context, Kind, NodeError, Notes, SourceFile, SourceRoot, ViewCount, Wired};
+use scene::io::foreign::refuse_placeholder;
+use scene::math::metrics::Lpips;
+use scene::types::layers::matching;
+use scene::types::{Images, NamedImage, Picture, Report};
 
-use crate::io::foreign::refuse_placeholder;
-use crate::math::metrics::Lpips;
-use crate::types::layers::matching;
-use crate::types::{Images, NamedImage, Picture, Report};
 use pair::Pair;
 pub use params::{Compare, Space};
 use table::{cells, unknown};

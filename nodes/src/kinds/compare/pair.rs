@@ -1,16 +1,16 @@
 //! Comparison of one picture with the reference.
 
 use engine::{Context, NodeError};
-
-use super::params::{Compare, Space};
-use crate::math::color::srgb_from_linear;
-use crate::math::metrics::{
+use scene::math::color::srgb_from_linear;
+use scene::math::metrics::{
     Errors, Exposures, Lpips, Plane, SSIM_RADIUS, Sight, ciede2000_map, errors, hdr_flip_map, mean_over,
     quantile_over, ssim_map,
 };
-use crate::math::num;
-use crate::types::layers::{coloured, linear};
-use crate::types::{Data, Image, Picture};
+use scene::math::num;
+use scene::types::layers::{coloured, linear};
+use scene::types::{Data, Image, Picture};
+
+use super::params::{Compare, Space};
 
 /// Lower bound for the values of a ratio. Smaller values are clamped to it, so that a pitch-black shadow, which
 /// `shadow-ratio` may produce, has a finite error and is not left out.

@@ -1,8 +1,7 @@
 //! Parameters of `compare`.
 
 use engine::InputFile;
-
-use crate::math::metrics::PIXELS_PER_DEGREE;
+use scene::math::metrics::PIXELS_PER_DEGREE;
 
 engine::choices! {
     /// Encoding in which pictures are compared.

@@ -1,6 +1,6 @@
 //! Tables of the report: their columns, and the cells of a row.
 
-use crate::types::{Cell, Report, Table};
+use scene::types::{Cell, Report, Table};
 
 use super::pair::Row;
 use super::params::{Compare, Space};

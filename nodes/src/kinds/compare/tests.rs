@@ -2,10 +2,10 @@
 
 use super::table::COMMON;
 use super::*;
-use crate::math::num;
-use crate::testing::context;
-use crate::types::{Cell, Data, Image, Linear, Srgb};
 use engine::InputFile;
+use scene::math::num;
+use scene::types::{Cell, Data, Image, Linear, Srgb};
+use testing::context;
 
 fn one(picture: impl Into<Picture>) -> Arc<Images> {
     Arc::new(Images::single("v", picture))
@@ -47,8 +47,8 @@ fn what_is_open_is_black_in_the_numbers_of_the_picture() {
         out.difference.0[0].picture.samples()[0]
     };
     assert_eq!(off(Space::Linear), 0.0);
-    let light = 0.5 * crate::math::color::linear_from_srgb(0.6);
-    let expected = (crate::math::color::srgb_from_linear(light) - 0.3).abs();
+    let light = 0.5 * scene::math::color::linear_from_srgb(0.6);
+    let expected = (scene::math::color::srgb_from_linear(light) - 0.3).abs();
     assert!((off(Space::Display) - expected).abs() < 1e-6 && expected > 0.1);
     let opaque = one(Image::<Srgb>::from_samples(16, 12, 4, [0.3, 0.2, 0.1, 1.0].repeat(192)));
     let (_, notes) = Compare::run(&node(), inputs(opaque.clone(), opaque), &context()).expect("runs");

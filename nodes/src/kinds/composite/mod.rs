@@ -4,10 +4,9 @@ use std::borrow::Cow;
 use std::sync::Arc;
 
 use engine::{Context, Kind, NodeError, Notes, ViewCount};
-
-use crate::math::color::luminance;
-use crate::types::layers::{linear, matching};
-use crate::types::{Data, Image, Images, Linear, NamedImage, Picture};
+use scene::math::color::luminance;
+use scene::types::layers::{linear, matching};
+use scene::types::{Data, Image, Images, Linear, NamedImage, Picture};
 
 mod sharpness;
 
@@ -260,8 +259,8 @@ fn factors(picture: &Picture, port: &'static str) -> Result<Image<Linear>, NodeE
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::{context, row};
-    use crate::types::Srgb;
+    use scene::types::Srgb;
+    use testing::{context, row};
 
     fn one(picture: impl Into<Picture>) -> Arc<Images> {
         Arc::new(Images::single("v", picture))
@@ -327,7 +326,7 @@ mod tests {
     fn encoded_colour_is_unpremultiplied_before_decoding() {
         let b: Picture = Image::<Srgb>::from_samples(1, 1, 4, vec![0.25, 0.25, 0.25, 0.5]).into();
         let out = run(Some([0.0; 3]), b, [0.0; 4], [1.0; 3]);
-        assert!((out[0] - 0.5 * crate::math::color::linear_from_srgb(0.5)).abs() < 1e-7);
+        assert!((out[0] - 0.5 * scene::math::color::linear_from_srgb(0.5)).abs() < 1e-7);
     }
 
     // Added light falls behind the object, and the result never goes below 0.

@@ -6,10 +6,9 @@
 use std::f64::consts::PI;
 
 use engine::{Context, NodeError};
-
-use crate::math::color::{luminance, srgb_from_linear};
-use crate::math::num;
-use crate::types::{Image, Linear};
+use scene::math::color::{luminance, srgb_from_linear};
+use scene::math::num;
+use scene::types::{Image, Linear};
 
 /// Half the side of the window in which an edge is measured, in pixels.
 const REACH: usize = 4;
@@ -133,8 +132,8 @@ pub(super) fn blurred(image: &Image<Linear>, sigma: f64, cx: &Context) -> Result
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::color::linear_from_srgb;
-    use crate::testing::context;
+    use scene::math::color::linear_from_srgb;
+    use testing::context;
 
     /// Picture with vertical edges every 20 pixels, blurred in display values by a Gaussian, and a small object in
     /// the middle.

@@ -4,15 +4,15 @@
 
 use engine::{Context, NodeError};
 use glam::{DMat3, DVec3};
+use scene::math::color::srgb_from_linear;
+use scene::math::num;
+use scene::types::{SplatEncoding, Splats};
 
 use super::light::{Effort, Lit, Rgb, add, times};
 use super::place::Layout;
 use super::random::unit;
 use super::shape::Quad;
 use super::view::{DemoCamera, WorldFrame};
-use crate::math::color::srgb_from_linear;
-use crate::math::num;
-use crate::types::{SplatEncoding, Splats};
 
 /// Number of directions from which a reflective splat is photographed.
 const DIRECTIONS: usize = 16;

@@ -3,13 +3,13 @@
 use std::f64::consts::PI;
 
 use glam::DVec3;
+use scene::math::num;
 
 use super::light::Sky;
 use super::paint::Paint;
 use super::place::Layout;
 use super::random::unit;
 use super::shape::{Placement, Shapes};
-use crate::math::num;
 
 const LOW: DVec3 = DVec3::new(-5.0, -5.5, 0.0);
 const HIGH: DVec3 = DVec3::new(5.0, 5.0, 4.4);

@@ -5,11 +5,11 @@ use std::f64::consts::PI;
 
 use engine::{Context, NodeError};
 use glam::DVec3;
+use scene::math::num;
 
 use super::cast::Caster;
 use super::random::unit;
 use super::shape::Quad;
-use crate::math::num;
 
 /// Linear RGB.
 pub(super) type Rgb = [f64; 3];

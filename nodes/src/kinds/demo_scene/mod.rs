@@ -5,10 +5,9 @@ use std::sync::Arc;
 
 use engine::{Context, ContextField, Cost, Kind, NodeError, Notes, Sizes, Up};
 use glam::DVec3;
-
-use crate::math::equirect;
-use crate::math::num;
-use crate::types::{Camera, Environment, Image, Linear, Mesh, Object, Rig, Splats};
+use scene::math::equirect;
+use scene::math::num;
+use scene::types::{Camera, Environment, Image, Linear, Mesh, Object, Rig, Splats};
 
 mod capture;
 mod cast;

@@ -4,10 +4,10 @@
 use std::f64::consts::PI;
 
 use glam::DVec3;
+use scene::math::num;
+use scene::types::{Material, NormalMap, Object, Primitive, Sampler, Texture, TextureRef, Wrap};
 
 use super::random::{fractal, noise};
-use crate::math::num;
-use crate::types::{Material, NormalMap, Object, Primitive, Sampler, Texture, TextureRef, Wrap};
 
 const SIZE: usize = 256;
 

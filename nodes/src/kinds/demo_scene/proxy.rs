@@ -5,6 +5,8 @@ use std::collections::BTreeMap;
 
 use engine::{Context, NodeError};
 use glam::DVec3;
+use scene::math::color::{code8, linear_from_srgb, srgb_from_linear};
+use scene::types::Mesh;
 
 use super::light::{Effort, Lit};
 use super::paint::Paint;
@@ -12,8 +14,6 @@ use super::place::Layout;
 use super::random::unit;
 use super::shape::Quad;
 use super::view::WorldFrame;
-use crate::math::color::{code8, linear_from_srgb, srgb_from_linear};
-use crate::types::Mesh;
 
 /// Largest deviation of a vertex from the surface, in metres.
 const JITTER: f64 = 0.005;

@@ -4,13 +4,13 @@
 use std::f64::consts::PI;
 
 use glam::DVec3;
+use scene::math::num;
 
 use super::light::{Lamp, Opening, Sky};
 use super::paint::Paint;
 use super::place::Layout;
 use super::random::unit;
 use super::shape::{Placement, Shapes};
-use crate::math::num;
 
 const LEFT: f64 = -2.45;
 const RIGHT: f64 = 2.75;

@@ -4,9 +4,9 @@
 use std::f64::consts::PI;
 
 use glam::DVec3;
+use scene::math::num;
 
 use super::paint::Paint;
-use crate::math::num;
 
 /// Bilinear quad. Its corners run counter-clockwise as seen from its front.
 #[derive(Debug, Clone, Copy)]

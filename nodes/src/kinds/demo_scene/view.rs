@@ -1,9 +1,8 @@
 //! The frame of the world, and the camera.
 
 use glam::DVec3;
-
-use crate::math::num;
-use crate::types::{Camera, Rig};
+use scene::math::num;
+use scene::types::{Camera, Rig};
 
 /// Conversion from metres in the frame of the scene to world units.
 pub(super) struct WorldFrame {

@@ -8,11 +8,11 @@ mod view;
 
 use std::sync::Arc;
 
-use crate::types::layers::{linear, matching};
-use crate::types::{Image, Images, Linear, NamedImage, Picture};
 use engine::{Context, Cost, Kind, NodeError, Notes, SourceFile, SourceRoot};
 use means::{Field, Reach, VALUES};
 pub use method::Method;
+use scene::types::layers::{linear, matching};
+use scene::types::{Image, Images, Linear, NamedImage, Picture};
 use view::{ViewLayers, known};
 
 engine::params! {

@@ -1,9 +1,9 @@
 //! Tests on a shadow with a soft edge on a floor, with sampling noise, and an object of two colours.
 
 use super::*;
-use crate::geometry::sampling::{mix, unit};
-use crate::testing::{context, levels};
-use crate::types::Data;
+use render::geometry::sampling::{mix, unit};
+use scene::types::Data;
+use testing::{context, levels};
 
 const SIZE: usize = 48;
 const SAMPLES: u32 = 16;
@@ -104,7 +104,7 @@ fn noise_goes_and_the_edge_stays() {
 /// an earlier version all ratios above 8 counted as equal, so that a pool of light became a plateau with a rim.
 #[test]
 fn bright_ratios_are_distinguished() {
-    let lit = |x: usize| crate::math::num::f32::exp(x as f32 * 0.15 - 1.0);
+    let lit = |x: usize| scene::math::num::f32::exp(x as f32 * 0.15 - 1.0);
     let mut inputs = noisy(5);
     let before = samples(&inputs.without).to_vec();
     for spread in [0.001, 0.05_f32] {
@@ -304,7 +304,7 @@ fn light_of_any_strength_is_filtered_alike() {
     let plain = object(0);
     for exponent in [-40, -17, 30] {
         let off = object(exponent).iter().zip(&plain).filter(|(a, b)| a != b).count();
-        crate::testing::row(
+        testing::row(
             48,
             "denoised values that differ at 2^-40, 2^-17 and 2^30 of the light",
             off as f64,

@@ -1,11 +1,11 @@
 //! Layers of one view, and the fields that are filtered.
 
 use glam::Vec3;
+use scene::math::color::luminance;
+use scene::math::num;
+use scene::types::{Image, Linear, Picture};
 
 use super::means::{Field, Pixel};
-use crate::math::color::luminance;
-use crate::math::num;
-use crate::types::{Image, Linear, Picture};
 
 /// Ratio above which ratios are compared by their logarithm. The light of an inserted lamp may exceed it.
 const BRIGHT: f32 = 8.0;

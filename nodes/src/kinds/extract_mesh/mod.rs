@@ -8,16 +8,15 @@ use std::sync::Arc;
 
 use engine::{Context, ContextField, Cost, Kind, NodeError, Notes, Sizes};
 use glam::{DVec3, Vec3};
-
-use crate::math::equirect;
-use crate::render::fusion::cubes::wanted;
-use crate::render::fusion::field::{self, Field};
-use crate::render::fusion::levels::{Cube, Levels};
-use crate::render::fusion::places::{Ground, Places};
-use crate::render::fusion::surface::Surface;
-use crate::render::fusion::{depth_view, pieces, simplify, tint};
-use crate::render::splat::{Blocks, Settings};
-use crate::types::{Mesh, Pose, Report, Rig, Splats};
+use render::fusion::cubes::wanted;
+use render::fusion::field::{self, Field};
+use render::fusion::levels::{Cube, Levels};
+use render::fusion::places::{Ground, Places};
+use render::fusion::surface::Surface;
+use render::fusion::{depth_view, pieces, simplify, tint};
+use render::splat::{Blocks, Settings};
+use scene::math::equirect;
+use scene::types::{Mesh, Pose, Report, Rig, Splats};
 
 engine::params! {
     /// Makes a mesh of a scene from its splats. Objects stand on the mesh, cast shadows on it, and are hidden by
@@ -101,7 +100,7 @@ impl Kind for ExtractMesh {
     fn estimate(params: &Self, inputs: &In) -> Cost {
         let pixels = u64::from(params.size_px) * u64::from(params.size_px);
         let views = u64::from(params.places) * 6 + 16;
-        let drawn = crate::render::splat::most_bytes(
+        let drawn = render::splat::most_bytes(
             inputs.splats.len() as u64,
             (params.size_px.into(), params.size_px.into()),
         );

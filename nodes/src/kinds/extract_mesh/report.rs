@@ -3,15 +3,14 @@
 
 use engine::{Context, NodeError};
 use glam::{DVec3, Vec3};
-
-use crate::geometry::bvh::Bvh;
-use crate::geometry::support::GroundPlane;
-use crate::render::fusion::fit::fit;
-use crate::render::fusion::levels::Levels;
-use crate::render::fusion::surface::Surface;
-use crate::render::fusion::tint::Seen;
-use crate::render::splat::{Blocks, Settings};
-use crate::types::{Camera, Cell, Rig, Splats, Table};
+use render::fusion::fit::fit;
+use render::fusion::levels::Levels;
+use render::fusion::surface::Surface;
+use render::fusion::tint::Seen;
+use render::geometry::bvh::Bvh;
+use render::geometry::support::GroundPlane;
+use render::splat::{Blocks, Settings};
+use scene::types::{Camera, Cell, Rig, Splats, Table};
 
 /// Maximum number of cameras that are compared.
 const CAMERAS: usize = 16;

@@ -3,10 +3,10 @@
 use glam::{DMat4, Vec3};
 
 use super::*;
-use crate::geometry::bvh::{Bvh, Ray};
-use crate::geometry::sampling::{hash, unit};
-use crate::testing::{context, direction};
-use crate::types::Cell;
+use render::geometry::bvh::{Bvh, Ray};
+use render::geometry::sampling::{hash, unit};
+use scene::types::Cell;
+use testing::{context, direction};
 
 /// Three pseudo-random numbers in [-1, 1], computed from a counter.
 fn noise(i: usize) -> [f32; 3] {
@@ -178,7 +178,7 @@ fn a_room_is_closed_and_faces_inwards() {
     // Walls are flat, so at most one in ten triangles remains.
     assert!(counted(&out, "triangles") * 10 < counted(&out, "triangles before simplification"));
     // The colour of the walls, in linear light.
-    let expected = [0.6, 0.5, 0.4].map(crate::math::color::linear_from_srgb);
+    let expected = [0.6, 0.5, 0.4].map(scene::math::color::linear_from_srgb);
     for colour in &out.mesh.colours {
         assert!((0..3).all(|c| (colour[c] - expected[c]).abs() < 0.02), "{colour:?}");
     }

@@ -2,10 +2,11 @@
 
 use std::f64::consts::LN_2;
 
+use render::light::measure::luminance;
+use scene::math::num;
+
 use super::pairs::Pair;
 use super::system::Matrix;
-use crate::light::measure::luminance;
-use crate::math::num;
 
 /// Scales of the robust comparison, as natural logarithms, from the first stage to the last. The first stages let
 /// the fit leave a poor prediction.

@@ -2,14 +2,14 @@
 
 use engine::{Context, NodeError};
 use glam::{DVec3, Vec3};
+use render::light::emitters::WHITE;
+use render::light::measure::spiral;
+use scene::math::color::luminance;
+use scene::math::equirect::uv;
+use scene::types::Environment;
 
 use super::place::{CLIPPED, PlaceMesh, Seen};
 use super::shading::Shading;
-use crate::light::emitters::WHITE;
-use crate::light::measure::spiral;
-use crate::math::color::luminance;
-use crate::math::equirect::uv;
-use crate::types::Environment;
 
 /// Number of directions over the whole sphere. A point receives light from half of them.
 const DIRECTIONS: usize = 384;

@@ -4,11 +4,10 @@ use std::sync::Arc;
 
 use engine::{Context, Cost, Kind, NodeError, Notes, Sizes};
 use glam::DVec3;
-
-use crate::error::Error;
-use crate::light::emitters;
-use crate::light::measure::angles_deg;
-use crate::types::{Environment, Mesh, Report, Splats};
+use render::light::emitters;
+use render::light::measure::angles_deg;
+use scene::error::Error;
+use scene::types::{Environment, Mesh, Report, Splats};
 
 mod estimate;
 mod incident;

@@ -3,9 +3,9 @@
 use std::collections::BTreeMap;
 
 use glam::DVec3;
+use render::geometry::sampling::hash;
 
 use super::shading::{Point, Shading};
-use crate::geometry::sampling::hash;
 
 /// Largest distance between neighbours whose colours may differ by a shadow, as a fraction of the size of the
 /// surroundings.

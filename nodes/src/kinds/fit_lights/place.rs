@@ -1,9 +1,8 @@
 //! Receiver mesh for ray casting: its triangles in a tree, and their colours.
 
 use glam::{DVec3, Vec3};
-
-use crate::geometry::bvh::{Bvh, Hit, Ray};
-use crate::types::Mesh;
+use render::geometry::bvh::{Bvh, Hit, Ray};
+use scene::types::Mesh;
 
 /// Channel value above which a colour counts as clipped. Such colours belong to windows, lamps and glints.
 pub(super) const CLIPPED: f32 = 0.93;

@@ -1,14 +1,15 @@
 //! Inserts the sun into an environment.
 
+use render::light::emitters::{self, Emitter, WHITE};
+use render::light::regions;
+use scene::math::color::luminance;
+use scene::math::equirect::{pixel_solid_angle, uv};
+use scene::math::num;
+use scene::types::Environment;
+
 use super::incident::shown;
 use super::sources::{split, weight};
 use super::sun::Sun;
-use crate::light::emitters::{self, Emitter, WHITE};
-use crate::light::regions;
-use crate::math::color::luminance;
-use crate::math::equirect::{pixel_solid_angle, uv};
-use crate::math::num;
-use crate::types::Environment;
 
 /// Angular radius of the sun, in degrees.
 const RADIUS_DEG: f64 = 0.27;

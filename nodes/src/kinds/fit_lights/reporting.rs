@@ -1,14 +1,14 @@
 //! The report of `fit-lights`, and its decisions as notes.
 
 use engine::Notes;
+use render::light::emitters::Emitters;
+use render::light::measure::{angles_deg, luminance};
+use scene::math::num;
+use scene::types::{Cell, Environment, Report, Table};
 
 use super::sources::Kind;
 use super::strengths::{Fitted, Strengths, Verdict as Outcome};
 use super::sun::{RIVAL_DEG, Sun, Verdict};
-use crate::light::emitters::Emitters;
-use crate::light::measure::{angles_deg, luminance};
-use crate::math::num;
-use crate::types::{Cell, Environment, Report, Table};
 
 /// True for emitters that were compared with the place, and for those that its mesh lacks.
 fn was_tried(one: &Fitted) -> bool {

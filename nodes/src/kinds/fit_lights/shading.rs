@@ -2,10 +2,10 @@
 
 use engine::{Context, NodeError};
 use glam::{DQuat, DVec3, Vec3};
+use scene::math::color::linear_from_srgb;
+use scene::types::{SplatEncoding, Splats};
 
 use super::place::{CLIPPED, PlaceMesh};
-use crate::math::color::linear_from_srgb;
-use crate::types::{SplatEncoding, Splats};
 
 /// The constant spherical harmonic of degree 0.
 const SH0: f32 = 0.282_094_8;
@@ -103,7 +103,7 @@ fn is_seen(place: &PlaceMesh, origin: DVec3, size: f64, surface: &Surface) -> bo
 }
 
 fn surface(position: DVec3, normal: DVec3, radiance: Vec3, area: f64, origin: DVec3) -> Option<Surface> {
-    let luminance = crate::math::color::luminance(radiance.to_array());
+    let luminance = scene::math::color::luminance(radiance.to_array());
     let towards = origin - position;
     let distance = towards.length();
     let usable =

@@ -1,12 +1,12 @@
 //! Emitters as sources of light in the place: patches on its surfaces, in its openings, or far away.
 
 use glam::{DMat3, DVec3};
+use render::light::emitters::{self, Emitter};
+use render::light::measure::luminance;
+use render::light::regions;
+use scene::types::Environment;
 
 use super::place::{PlaceMesh, Seen};
-use crate::light::emitters::{self, Emitter};
-use crate::light::measure::luminance;
-use crate::light::regions;
-use crate::types::Environment;
 
 /// Maximum number of patches of an emitter.
 const PATCHES: usize = 16;

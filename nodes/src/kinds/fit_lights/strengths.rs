@@ -4,6 +4,12 @@ use std::collections::BTreeMap;
 
 use engine::{Context, NodeError};
 use glam::DVec3;
+use render::geometry::support::median;
+use render::light::emitters::Emitters;
+use render::light::measure::luminance;
+use scene::math::equirect::axes;
+use scene::math::num;
+use scene::types::Environment;
 
 use super::estimate::{Estimate, Observed, Prior, estimate};
 use super::incident::{Incident, shown};
@@ -11,12 +17,6 @@ use super::pairs::{neighbours, wide};
 use super::place::PlaceMesh;
 use super::shading::Shading;
 use super::sources::Source;
-use crate::geometry::support::median;
-use crate::light::emitters::Emitters;
-use crate::light::measure::luminance;
-use crate::math::equirect::axes;
-use crate::math::num;
-use crate::types::Environment;
 
 /// Maximum number of emitters that are fitted individually. The others keep their predicted light.
 const MOST: usize = 6;

@@ -2,18 +2,18 @@
 
 use engine::{Context, NodeError};
 use glam::DVec3;
+use render::light::emitters::WHITE;
+use render::light::measure::spiral;
+use render::light::regions;
+use scene::math::color::luminance;
+use scene::math::equirect::axes;
+use scene::math::num;
+use scene::types::Environment;
 
 use super::incident::Incident;
 use super::pairs::{Pair, neighbours};
 use super::place::PlaceMesh;
 use super::shading::Shading;
-use crate::light::emitters::WHITE;
-use crate::light::measure::spiral;
-use crate::light::regions;
-use crate::math::color::luminance;
-use crate::math::equirect::axes;
-use crate::math::num;
-use crate::types::Environment;
 
 /// Scale of the robust comparison, as a natural logarithm. Larger deviations of the ratio of neighbouring colours
 /// count as changes of albedo.
@@ -62,7 +62,7 @@ pub(super) struct Sun {
 impl Sun {
     /// Luminance of the irradiance.
     pub fn luminance(&self) -> f64 {
-        crate::light::measure::luminance(self.irradiance)
+        render::light::measure::luminance(self.irradiance)
     }
 }
 
@@ -178,7 +178,7 @@ fn candidates(env: &Environment) -> Vec<DVec3> {
     let steps = (MARGIN_DEG * width as f64 / 360.0).ceil() as usize;
     let mask = regions::grow(&mask, width, steps);
     let is_near = |direction: &DVec3| {
-        let (u, v) = crate::math::equirect::uv(env.up, *direction);
+        let (u, v) = scene::math::equirect::uv(env.up, *direction);
         let at = |t: f64, n: usize| ((t * n as f64) as usize).min(n - 1);
         mask[at(v, height) * width + at(u, width)]
     };

@@ -3,10 +3,10 @@
 use engine::Up;
 
 use super::*;
-use crate::geometry::sampling::{fraction, hash};
-use crate::math::num;
-use crate::testing::context;
-use crate::types::{Cell, Image};
+use render::geometry::sampling::{fraction, hash};
+use scene::math::num;
+use scene::types::{Cell, Image};
+use testing::context;
 
 mod two_lights;
 
@@ -71,7 +71,7 @@ fn sky(middle: DVec3) -> Environment {
     for y in 0..height {
         for x in 0..width {
             let (u, v) = ((x as f64 + 0.5) / width as f64, (y as f64 + 0.5) / height as f64);
-            let direction = crate::math::equirect::direction(Up::PlusZ, u, v);
+            let direction = scene::math::equirect::direction(Up::PlusZ, u, v);
             let inside = direction.dot(middle) > num::f64::cos(20.0_f64.to_radians());
             env.image.pixel_mut(x, y).fill(if inside { 30.0 } else { 0.4 });
         }
@@ -103,7 +103,7 @@ fn the_sun_is_found_by_its_shadow() {
         let side = sun.any_orthonormal_vector() * num::f64::sin(8.0_f64.to_radians());
         let (out, notes) = fitted(yard(sun, 3.0), sky((sun + side).normalize()), 0.015);
         assert!(notes.iter().any(|note| note.id == "sun"), "{sun}: {:?}", out.report);
-        let found = crate::math::equirect::direction(
+        let found = scene::math::equirect::direction(
             Up::PlusZ,
             0.5 + number(&out, 0) / 360.0,
             0.5 - number(&out, 1) / 180.0,
@@ -112,7 +112,7 @@ fn the_sun_is_found_by_its_shadow() {
         assert!((number(&out, 2) / 3.0 - 1.0).abs() < 0.15, "{sun}: {:?}", out.report);
         assert!((number(&out, 4) / number(&out, 2) - 1.0).abs() < 0.1, "{sun}: {:?}", out.report);
         // What the region held is now in the sun: a plane that faces it receives what the yard received.
-        let [rgb] = crate::light::measure::irradiances(&out.env, [sun]);
+        let [rgb] = render::light::measure::irradiances(&out.env, [sun]);
         assert!((2.5..5.5).contains(&rgb[0]), "{sun}: {rgb:?}");
     }
 }

@@ -4,12 +4,12 @@
 use std::f64::consts::PI;
 
 use engine::{Context, NodeError};
+use render::light::linear::LinearPixels;
+use scene::math::equirect::pixel_solid_angle;
+use scene::math::num;
 
 use super::fused::Fused;
 use super::ledger::{Lights, luminance_of};
-use crate::light::linear::LinearPixels;
-use crate::math::equirect::pixel_solid_angle;
-use crate::math::num;
 
 impl Lights {
     /// Scales the light added by fusion from 0 at the edge of a light to its full value at an angle of
@@ -121,8 +121,8 @@ mod tests {
     use super::*;
     use engine::Up;
 
-    use crate::geometry::sampling::{hash, unit};
-    use crate::math::equirect::direction;
+    use render::geometry::sampling::{hash, unit};
+    use scene::math::equirect::direction;
 
     // Compares with the definition, a search over all unlit pixels: at the poles, across the seam, and with rows
     // that are lit completely. This test fails if the second `pass` is left out, or if `width / 2` is changed to

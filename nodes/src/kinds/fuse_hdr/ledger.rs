@@ -2,16 +2,16 @@
 
 use engine::{Notes, Up};
 use glam::DVec3;
+use render::light::energy::Energy;
+use render::light::linear::{LinearPixels, max3};
+use render::light::{measure, regions};
+use scene::math::color::luminance;
+use scene::math::equirect::{axes, direction, pixel_solid_angle};
+use scene::math::num;
+use scene::types::{Cell, Report, Table};
 
 use super::fused::Fused;
 use super::gain::Gain;
-use crate::light::energy::Energy;
-use crate::light::linear::{LinearPixels, max3};
-use crate::light::{measure, regions};
-use crate::math::color::luminance;
-use crate::math::equirect::{axes, direction, pixel_solid_angle};
-use crate::math::num;
-use crate::types::{Cell, Report, Table};
 
 /// Number of lights that are listed individually. All other lights are summed in the last row.
 pub(super) const LISTED: usize = 32;

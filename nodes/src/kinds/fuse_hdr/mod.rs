@@ -3,13 +3,12 @@
 use std::sync::Arc;
 
 use engine::{Context, Cost, Kind, NodeError, Notes};
-
-use crate::error::Error;
-use crate::light::exposure::{Shown, measured};
-use crate::light::linear::{LinearPixels, Transfer, linear_pixels, max3};
-use crate::math::color::luminance;
-use crate::math::num;
-use crate::types::{Brackets, Environment, Image, Images, Linear, Panorama, Picture, Report, Taken};
+use render::light::exposure::{Shown, measured};
+use render::light::linear::{LinearPixels, Transfer, linear_pixels, max3};
+use scene::error::Error;
+use scene::math::color::luminance;
+use scene::math::num;
+use scene::types::{Brackets, Environment, Image, Images, Linear, Panorama, Picture, Report, Taken};
 
 mod feather;
 mod fused;

@@ -9,13 +9,13 @@
 use std::f64::consts::PI;
 
 use engine::{Notes, Up};
+use render::light::linear::LinearPixels;
+use scene::math::color::luminance;
+use scene::math::equirect::{axes, direction, pixel_solid_angle};
+use scene::types::{Data, Image, Linear};
 
 use super::fused::Fused;
 use super::ledger::{Lights, luminance_of};
-use crate::light::linear::LinearPixels;
-use crate::math::color::luminance;
-use crate::math::equirect::{axes, direction, pixel_solid_angle};
-use crate::types::{Data, Image, Linear};
 
 /// Largest albedo of ground, except fresh snow.
 const MOST_ALBEDO: f64 = 0.9;

@@ -1,10 +1,10 @@
 use super::*;
-use crate::math::color::srgb_from_linear;
-use crate::testing::context as cx;
-use crate::testing::row;
-use crate::types::{Cell, Data, Srgb};
 use engine::{Kind, Up};
 use glam::DVec3;
+use scene::math::color::srgb_from_linear;
+use scene::types::{Cell, Data, Srgb};
+use testing::context as cx;
+use testing::row;
 
 mod energy;
 mod sky;
@@ -243,8 +243,8 @@ fn a_wrongly_dark_prediction_changes_nothing() {
     // For random exposures, brighter or darker: no unclipped pixel becomes darker than the panorama.
     let (base, brackets) = photograph(&ramp, &[-6.0, -3.0], Transfer::Srgb, Some(255.0));
     let own = linear_pixels(&base.image, Transfer::Srgb);
-    let mut random =
-        (0..).map(|i: u32| crate::geometry::sampling::Points::new(11, i).bits(0)[0] as f32 / 4_294_967_296.0);
+    let mut random = (0..)
+        .map(|i: u32| render::geometry::sampling::Points::new(11, i).bits(0)[0] as f32 / 4_294_967_296.0);
     let mut wrong = (*brackets).clone();
     for exposure in &mut wrong.exposures {
         exposure.samples.iter_mut().zip(&mut random).for_each(|(v, number)| *v = number);

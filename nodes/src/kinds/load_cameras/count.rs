@@ -3,9 +3,9 @@
 use std::io::Read;
 
 use engine::{InputFile, NodeError, SourceRoot};
+use scene::io::capture::colmap;
 
 use super::files::{files, is_gltf, is_json};
-use crate::io::capture::colmap;
 
 /// Maximum number of cameras in a file.
 pub const CAMERA_LIMIT: usize = 1_000_000;

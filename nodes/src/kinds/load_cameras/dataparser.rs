@@ -2,11 +2,10 @@
 //! nerfstudio trains and exports splats.
 
 use glam::{DMat3, DMat4, DVec3, DVec4};
+use scene::error::Error;
+use scene::io::capture::raw::Raw;
+use scene::io::foreign::{json_text, refuse_foreign};
 use serde_json::Value;
-
-use crate::error::Error;
-use crate::io::capture::raw::Raw;
-use crate::io::foreign::{json_text, refuse_foreign};
 
 /// Name of the file in the folder of a training run.
 pub const NAME: &str = "dataparser_transforms.json";

@@ -4,11 +4,11 @@ use std::collections::BTreeSet;
 use std::io::Read;
 
 use engine::{InputFile, NodeError, SourceFile, SourceRoot};
+use scene::error::Error;
+use scene::io::foreign::refuse_foreign;
+use scene::io::picture;
 
 use super::json;
-use crate::error::Error;
-use crate::io::foreign::refuse_foreign;
-use crate::io::picture;
 
 /// The JSON file, and the pictures that must be read because the file does not contain their sizes.
 pub fn with_pictures(file: SourceFile, root: &SourceRoot) -> Vec<SourceFile> {

@@ -2,14 +2,14 @@
 
 use engine::{Context, NodeError, Notes};
 use glam::{DMat3, DMat4, DVec3};
+use scene::error::Error;
+use scene::io::capture::raw::Raw;
+use scene::io::gltf::animation::Moment;
+use scene::io::gltf::{self, object::local};
+use scene::math::num;
+use scene::types::frame::world_from_gltf;
 
 use super::LoadCameras;
-use crate::error::Error;
-use crate::io::capture::raw::Raw;
-use crate::io::gltf::animation::Moment;
-use crate::io::gltf::{self, object::local};
-use crate::math::num;
-use crate::types::frame::world_from_gltf;
 
 /// Height of a picture in pixels, since glTF does not define it. It is multiplied by `resolution`.
 const HEIGHT_PX: u64 = 1080;

@@ -3,13 +3,12 @@
 
 use engine::Notes;
 use glam::{DMat4, DVec4};
+use scene::error::Error;
+use scene::io::capture::distortion::{Bend, Coefficients};
+use scene::io::capture::raw::Raw;
+use scene::io::foreign::{json_text, portable_path, refuse_foreign};
+use scene::math::num;
 use serde_json::Value;
-
-use crate::error::Error;
-use crate::io::capture::distortion::{Bend, Coefficients};
-use crate::io::capture::raw::Raw;
-use crate::io::foreign::{json_text, portable_path, refuse_foreign};
-use crate::math::num;
 
 /// Function that returns the width and height of a picture, given its path as written in the file. If the picture
 /// cannot be read, the error is the end of a sentence that begins with the picture.

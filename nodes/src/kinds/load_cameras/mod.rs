@@ -16,23 +16,23 @@ use engine::{
     ViewCount,
 };
 use glam::{DMat3, DMat4};
+use scene::error::Error;
+use scene::io::capture::colmap;
+use scene::io::capture::distortion::{Bend, INVISIBLE_PX};
+use scene::io::capture::raw::Raw;
+use scene::io::foreign::refuse_placeholder;
+use scene::io::gltf::animation::{AfterEnd, check_clip};
+use scene::io::gltf::{Want, json_of, parse};
+use scene::types::frame::Similarity;
+use scene::types::pick::{chosen, count_of, stem};
+use scene::types::{Camera, Rig};
 
-use crate::error::Error;
-use crate::io::capture::colmap;
-use crate::io::capture::distortion::{Bend, INVISIBLE_PX};
-use crate::io::capture::raw::Raw;
-use crate::io::foreign::refuse_placeholder;
-use crate::io::gltf::animation::{AfterEnd, check_clip};
-use crate::io::gltf::{Want, json_of, parse};
-use crate::types::frame::Similarity;
-use crate::types::pick::{chosen, count_of, stem};
-use crate::types::{Camera, Rig};
 use count::CAMERA_LIMIT;
 use dataparser::Dataparser;
 use files::{existing, files, is_gltf, json_file, size_of, with_pictures};
 use json::Origin;
 
-pub use crate::types::pick::Pick;
+pub use scene::types::pick::Pick;
 
 engine::choices! {
     /// Treatment of lens distortion, which a pinhole camera cannot represent.

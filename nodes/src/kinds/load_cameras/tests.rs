@@ -3,9 +3,9 @@ mod models;
 mod nerfstudio;
 
 use super::*;
-use crate::types::pick::matches;
 use engine::{Scene, Up};
 use glam::DVec3;
+use scene::types::pick::matches;
 
 fn node(path: &str) -> LoadCameras {
     LoadCameras::of(InputFile(path.into()))

@@ -7,15 +7,14 @@ use engine::{
     Up,
 };
 use glam::DVec3;
-
-use crate::io::foreign::refuse_foreign;
-use crate::io::gltf::{self, object};
-use crate::io::head;
-use crate::io::import::Foreign;
-use crate::io::mesh_format;
-use crate::io::surface::{RawMesh, clean, from_ply};
-use crate::types::frame::{Similarity, world_from_gltf};
-use crate::types::{Mesh, Primitive};
+use scene::io::foreign::refuse_foreign;
+use scene::io::gltf::{self, object};
+use scene::io::head;
+use scene::io::import::Foreign;
+use scene::io::mesh_format;
+use scene::io::surface::{RawMesh, clean, from_ply};
+use scene::types::frame::{Similarity, world_from_gltf};
+use scene::types::{Mesh, Primitive};
 
 engine::choices! {
     /// Encoding of vertex colours.

@@ -1,6 +1,6 @@
 use super::*;
-use crate::math::color::linear_from_srgb;
 use engine::{Scene, Up};
+use scene::math::color::linear_from_srgb;
 
 const BODY: &str = "element vertex 4\nproperty float x\nproperty float y\nproperty float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n";
 

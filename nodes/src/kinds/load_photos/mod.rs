@@ -3,15 +3,14 @@
 use std::sync::Arc;
 
 use engine::{Context, Cost, FileHead, InputFile, Kind, NodeError, Notes, SourceFile, SourceRoot, Wired};
-
-use crate::io::capture::codes::{codes, masked, of_size};
-use crate::io::capture::pictures::{Listing, file_of, listing};
-use crate::io::capture::points;
-use crate::io::foreign::refuse_placeholder;
-use crate::io::picture::{FileEncoding, decode, floats_of};
-use crate::io::progress::Progress;
-use crate::types::layers::matching;
-use crate::types::{Camera, Images, Photo, Photos, Picture, Rig};
+use scene::io::capture::codes::{codes, masked, of_size};
+use scene::io::capture::pictures::{Listing, file_of, listing};
+use scene::io::capture::points;
+use scene::io::foreign::refuse_placeholder;
+use scene::io::picture::{FileEncoding, decode, floats_of};
+use scene::io::progress::Progress;
+use scene::types::layers::matching;
+use scene::types::{Camera, Images, Photo, Photos, Picture, Rig};
 
 engine::params! {
     /// Joins cameras and their photographs, for training splats.

@@ -3,9 +3,9 @@
 use glam::DVec3;
 
 use super::*;
-use crate::io::png::{Raster, write};
-use crate::testing::context;
-use crate::types::{Image, NamedImage, Srgb};
+use scene::io::png::{Raster, write};
+use scene::types::{Image, NamedImage, Srgb};
+use testing::context;
 
 fn camera(name: &str, size: [u32; 2]) -> Camera {
     Camera::centred(name, size, 4.0, [DVec3::X, DVec3::Y, DVec3::Z], DVec3::ZERO)

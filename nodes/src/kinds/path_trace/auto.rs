@@ -2,12 +2,12 @@
 
 use engine::Notes;
 use glam::Vec3;
+use render::transport::ground::probe::Probe;
+use render::transport::path::visibility::Rules;
+use render::transport::scene::block::{Block, EVERYWHERE};
+use render::transport::scene::frame::scene_units;
 
 use super::surroundings::Surroundings;
-use crate::render::transport::ground::probe::Probe;
-use crate::render::transport::path::visibility::Rules;
-use crate::render::transport::scene::block::{Block, EVERYWHERE};
-use crate::render::transport::scene::frame::scene_units;
 
 /// Minimum share of the probe rays that must hit the mesh for `Auto` to become `Projected`. It is half of the share
 /// that hits an infinite ground plane. This is a rule of thumb: below the minimum, most of the nearby surfaces that

@@ -1,7 +1,7 @@
 //! The decision about the surroundings.
 
-use crate::render::transport::ground::probe::Probe;
-use crate::render::transport::path::visibility::Rules;
+use render::transport::ground::probe::Probe;
+use render::transport::path::visibility::Rules;
 
 /// Decision about the surroundings, and the facts on which it is based.
 pub(super) struct Decided {

@@ -2,8 +2,9 @@
 
 use std::sync::Arc;
 
+use scene::types::{Environment, Images, Mesh, Placed, Report, Rig};
+
 use super::surroundings::Surroundings;
-use crate::types::{Environment, Images, Mesh, Placed, Report, Rig};
 
 engine::params! {
     /// Path-traces the receiver without and with the objects, and the objects themselves.

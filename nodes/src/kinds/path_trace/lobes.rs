@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::types::{Material, Placed};
+use scene::types::{Material, Placed};
 
 /// Name of a lobe, and a function that returns whether a material has it. Textures can only reduce the factor
 /// of a lobe.
@@ -29,7 +29,7 @@ pub(crate) fn absent(objects: &[Arc<Placed>]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::types::{Map, Object, Primitive};
+    use scene::types::{Map, Object, Primitive};
 
     #[test]
     fn lobes_are_there_once_a_material_that_is_lit_has_them() {

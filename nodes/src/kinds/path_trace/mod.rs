@@ -14,22 +14,22 @@ mod unseen;
 
 use engine::{Context, ContextField, Cost, Former, Kind, NodeError, Notes, Sizes, ViewCount};
 use glam::{DVec3, Vec3};
+use render::light::env_resolution::EnvResolution;
+use render::transport::ground::capture_point::{CapturePoint, stand_in};
+use render::transport::ground::light_share::share_past;
+use render::transport::ground::standing::find_ground;
+use render::transport::path::double_count::counted_twice;
+use render::transport::path::guide;
+use render::transport::picture::accumulator::{FinishedView, TargetError};
+use render::transport::picture::film::{self, CROSS, FIRST_HIT, PAIR, R0};
+use render::transport::picture::prepared::PreparedScene;
+use render::transport::picture::tracing::{Settings, Tracing};
+use render::transport::scene::block::Block;
+use render::transport::scene::frame::in_scene_frame;
+use render::transport::scene::objects::Objects;
+use scene::error::Error;
+use scene::types::Camera;
 
-use crate::error::Error;
-use crate::light::env_resolution::EnvResolution;
-use crate::render::transport::ground::capture_point::{CapturePoint, stand_in};
-use crate::render::transport::ground::light_share::share_past;
-use crate::render::transport::ground::standing::find_ground;
-use crate::render::transport::path::double_count::counted_twice;
-use crate::render::transport::path::guide;
-use crate::render::transport::picture::accumulator::{FinishedView, TargetError};
-use crate::render::transport::picture::film::{self, CROSS, FIRST_HIT, PAIR, R0};
-use crate::render::transport::picture::prepared::PreparedScene;
-use crate::render::transport::picture::tracing::{Settings, Tracing};
-use crate::render::transport::scene::block::Block;
-use crate::render::transport::scene::frame::in_scene_frame;
-use crate::render::transport::scene::objects::Objects;
-use crate::types::Camera;
 use auto::{Decision, Facts};
 use decided::Decided;
 pub use interface::{In, Out, PathTrace};
@@ -74,7 +74,7 @@ impl PathTrace {
 
     /// Rejects inputs that cannot be traced.
     fn check_inputs(&self, inputs: &In) -> Result<(), NodeError> {
-        if !crate::math::num::keeps_subnormals() {
+        if !scene::math::num::keeps_subnormals() {
             let hint = "run without the library that sets this mode (check LD_PRELOAD)";
             let text = "this process flushes subnormal numbers to zero, which would change the output";
             return Err(NodeError::new(text).hint(hint));
@@ -216,7 +216,7 @@ impl Kind for PathTrace {
         let prepared = PreparedScene::new(&inputs.receiver, &inputs.env, origin, cx)?;
         let camera = stand_in(prepared.receiver(), cameras, origin);
         let centre = params.point_of_capture(&inputs, camera, &mut notes);
-        let [_, _, up] = crate::math::equirect::axes(cx.up());
+        let [_, _, up] = scene::math::equirect::axes(cx.up());
         let space = (up, cx.metres_per_unit());
         let decided = params.decide(&inputs, &prepared, in_scene_frame(centre, origin), space, &mut notes);
         let rules = &decided.rules;

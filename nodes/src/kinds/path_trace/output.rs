@@ -3,14 +3,14 @@
 use std::sync::Arc;
 
 use glam::DVec3;
+use render::transport::path::rays::Rays;
+use render::transport::picture::accumulator::FinishedView;
+use render::transport::picture::accumulator::ReachedError;
+use scene::types::{Cell, Images, NamedImage, Report, Table};
 
 use super::decided::Decided;
 use super::interface::{In, Out};
 use super::lobes;
-use crate::render::transport::path::rays::Rays;
-use crate::render::transport::picture::accumulator::FinishedView;
-use crate::render::transport::picture::accumulator::ReachedError;
-use crate::types::{Cell, Images, NamedImage, Report, Table};
 
 /// Builds the rows of decisions and ray counts of the report.
 fn decisions(

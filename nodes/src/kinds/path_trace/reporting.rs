@@ -2,31 +2,31 @@
 
 use engine::Notes;
 use glam::Vec3;
+use render::geometry::bvh::Ray;
+use render::geometry::support::GroundPlane;
+use render::transport::ground::capture_point::{CaptureFault, NEAREST};
+use render::transport::ground::embedded::Embedded;
+use render::transport::ground::limits::LARGEST;
+use render::transport::ground::side::Unsupported;
+use render::transport::ground::standing::Standing;
+use render::transport::path::visibility::Rules;
+use render::transport::picture::accumulator::FinishedView;
+use render::transport::picture::accumulator::{ReachedError, TargetError};
+use render::transport::picture::film::FIRST;
+use render::transport::picture::holes::holes;
+use render::transport::picture::prepared::PreparedScene;
+use render::transport::scene::aabb::Aabb;
+use render::transport::scene::block::Block;
+use render::transport::scene::face::margin;
+use render::transport::scene::frame::in_scene_frame;
+use render::transport::scene::media;
+use render::transport::scene::objects::Objects;
+use render::transport::scene::receiver::Receiver;
+use scene::types::{Camera, Image, Linear, Mesh};
 
 use super::interface::PathTrace;
 use super::scale::{short, why_not_seen};
 use super::unseen::Unseen;
-use crate::geometry::bvh::Ray;
-use crate::geometry::support::GroundPlane;
-use crate::render::transport::ground::capture_point::{CaptureFault, NEAREST};
-use crate::render::transport::ground::embedded::Embedded;
-use crate::render::transport::ground::limits::LARGEST;
-use crate::render::transport::ground::side::Unsupported;
-use crate::render::transport::ground::standing::Standing;
-use crate::render::transport::path::visibility::Rules;
-use crate::render::transport::picture::accumulator::FinishedView;
-use crate::render::transport::picture::accumulator::{ReachedError, TargetError};
-use crate::render::transport::picture::film::FIRST;
-use crate::render::transport::picture::holes::holes;
-use crate::render::transport::picture::prepared::PreparedScene;
-use crate::render::transport::scene::aabb::Aabb;
-use crate::render::transport::scene::block::Block;
-use crate::render::transport::scene::face::margin;
-use crate::render::transport::scene::frame::in_scene_frame;
-use crate::render::transport::scene::media;
-use crate::render::transport::scene::objects::Objects;
-use crate::render::transport::scene::receiver::Receiver;
-use crate::types::{Camera, Image, Linear, Mesh};
 
 /// Ray offset, as a share of the size of an object, above which a warning is given.
 const COARSE: f32 = 1.0 / 512.0;

@@ -2,9 +2,8 @@
 
 use engine::Notes;
 use glam::Vec3;
-
-use crate::render::transport::scene::aabb::Aabb;
-use crate::render::transport::scene::receiver::Receiver;
+use render::transport::scene::aabb::Aabb;
+use render::transport::scene::receiver::Receiver;
 
 /// Ratio of object size to receiver size above which a warning is given.
 const TOO_LARGE: f32 = 2.0;
@@ -71,7 +70,7 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
-    use crate::types::Mesh;
+    use scene::types::Mesh;
 
     fn cube(at: f32, half: f32) -> Aabb {
         Aabb { low: Vec3::splat(at - half), high: Vec3::splat(at + half) }

@@ -1,9 +1,8 @@
 //! The parameter `surroundings`: how the mesh and the panorama together model the place.
 
 use engine::ParamType;
+use render::transport::scene::block::{LAYERS, MOST_LAYERS};
 use serde::{Deserialize, Serialize};
-
-use crate::render::transport::scene::block::{LAYERS, MOST_LAYERS};
 
 /// How the mesh and the panorama together model the place around the objects.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

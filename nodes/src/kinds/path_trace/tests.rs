@@ -6,11 +6,10 @@ use engine::{Scene, Up};
 use glam::{DMat4, DVec3, Vec3};
 
 use super::*;
-use crate::math::color::luminance;
-use crate::math::equirect;
-use crate::render::transport::sky::environment::constant;
-use crate::testing::context;
-use crate::types::{Environment, Images, Material, Mesh, Object, Placed, Primitive, Rig};
+use scene::math::color::luminance;
+use scene::math::equirect;
+use scene::types::{Environment, Images, Material, Mesh, Object, Placed, Primitive, Rig};
+use testing::context;
 
 mod adaptive;
 mod closed_room;
@@ -90,8 +89,8 @@ fn fine_ball(radius: f32, rings: i32, material: Material, at: DVec3) -> Arc<Plac
     let mut primitive = Primitive::default();
     for i in 0..=rings {
         for j in 0..=2 * rings {
-            let (st, ct) = crate::math::num::sin_cos(std::f64::consts::PI * f64::from(i) / f64::from(rings));
-            let (sp, cp) = crate::math::num::sin_cos(std::f64::consts::PI * f64::from(j) / f64::from(rings));
+            let (st, ct) = scene::math::num::sin_cos(std::f64::consts::PI * f64::from(i) / f64::from(rings));
+            let (sp, cp) = scene::math::num::sin_cos(std::f64::consts::PI * f64::from(j) / f64::from(rings));
             let normal = [(st * cp) as f32, (st * sp) as f32, ct as f32];
             primitive.normals.push(normal);
             primitive.positions.push(normal.map(|v| v * radius));
@@ -165,7 +164,7 @@ fn samples(images: &Images) -> &[f32] {
 
 fn mean(images: &Images) -> f64 {
     let s = samples(images);
-    crate::math::num::ordered_sum(s.iter().copied()) / s.len() as f64
+    scene::math::num::ordered_sum(s.iter().copied()) / s.len() as f64
 }
 
 /// Mean of the colour channels of fully covered pixels.
@@ -176,12 +175,12 @@ fn covered(images: &Images) -> f64 {
 }
 
 fn white() -> Environment {
-    constant(Up::PlusZ, [1.0; 3], 64)
+    Environment::constant(Up::PlusZ, [1.0; 3], 64)
 }
 
 /// Dim sky with a sun of 4 texels that is not at the zenith.
 fn sunny() -> Environment {
-    let mut env = constant(Up::PlusZ, [0.3, 0.4, 0.6], 64);
+    let mut env = Environment::constant(Up::PlusZ, [0.3, 0.4, 0.6], 64);
     for (x, y) in [(40, 6), (41, 6), (40, 7), (41, 7)] {
         env.image.pixel_mut(x, y).copy_from_slice(&[900.0, 850.0, 700.0]);
     }

@@ -1,15 +1,13 @@
 //! Objects that no view shows.
 
 use engine::{Context, NodeError};
-
-use crate::render::transport::picture::tracing::Tracing;
-
-use crate::render::transport::path::integrator::Scene;
-use crate::render::transport::picture::accumulator::FinishedView;
-use crate::render::transport::picture::camera_rays::CameraRays;
-use crate::render::transport::picture::film::{Area, TILE};
-use crate::render::transport::picture::first_hit::is_before;
-use crate::types::Camera;
+use render::transport::path::integrator::Scene;
+use render::transport::picture::accumulator::FinishedView;
+use render::transport::picture::camera_rays::CameraRays;
+use render::transport::picture::film::{Area, TILE};
+use render::transport::picture::first_hit::is_before;
+use render::transport::picture::tracing::Tracing;
+use scene::types::Camera;
 
 /// Reason why no view shows an object.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,8 +1,9 @@
 //! White level of a panorama.
 
+use render::light::linear::{LinearPixels, max3};
+use scene::math::equirect::pixel_solid_angle;
+
 use super::clip::CLIPPED;
-use crate::light::linear::{LinearPixels, max3};
-use crate::math::equirect::pixel_solid_angle;
 
 /// White level of the panorama, in linear light. It is 1 in the training data and for a `white` of at least
 /// [`CLIPPED`]. For a lower `white` it is the median of the brightest channel of the clipped pixels, weighted
@@ -30,8 +31,8 @@ pub(super) fn ceiling(pixels: &LinearPixels, mask: &[bool], white: f32) -> f64 {
 mod tests {
     use super::super::{In, Method, PredictExposure};
     use super::*;
-    use crate::types::{Image, Linear, Panorama};
     use engine::{Kind, Up};
+    use scene::types::{Image, Linear, Panorama};
     use std::sync::Arc;
 
     const WIDTH: usize = 256;
@@ -56,7 +57,7 @@ mod tests {
     }
 
     fn gains(pano: Arc<Panorama>, method: &Method, white: f32) -> Vec<f32> {
-        let cx = crate::testing::context();
+        let cx = testing::context();
         let params = PredictExposure { evs: vec![-3.0], method: method.clone(), white, weights: None };
         let (out, _) = PredictExposure::run(&params, In { pano }, &cx).expect("runs");
         out.brackets.log2_gain.samples.clone()

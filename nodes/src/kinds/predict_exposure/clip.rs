@@ -1,10 +1,9 @@
 //! The clipped pixels of a panorama.
 
 use engine::{NodeError, Notes};
-
-use crate::error::Error;
-use crate::light::linear::{LinearPixels, Transfer, linear_pixels, max3};
-use crate::types::{Panorama, Picture};
+use render::light::linear::{LinearPixels, Transfer, linear_pixels, max3};
+use scene::error::Error;
+use scene::types::{Panorama, Picture};
 
 /// Minimum linear value at which a channel counts as clipped. In the data of the regression, clipping begins
 /// gradually between 0.9 and 1; the middle of this range is used.

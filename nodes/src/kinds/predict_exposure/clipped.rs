@@ -2,15 +2,15 @@
 
 use engine::Up;
 use glam::DVec3;
+use render::light::linear::LinearPixels;
+use render::light::measure;
+use render::light::regions::{self, Regions};
+use scene::math::color::luminance;
+use scene::math::equirect::{axes, pixel_solid_angle};
+use scene::math::num;
 
 use super::grid::Grid;
 use super::spread::Given;
-use crate::light::linear::LinearPixels;
-use crate::light::measure;
-use crate::light::regions::{self, Regions};
-use crate::math::color::luminance;
-use crate::math::equirect::{axes, pixel_solid_angle};
-use crate::math::num;
 
 /// Clipped parts of a panorama, on the grid.
 pub(super) struct Clipped<'a> {

@@ -1,6 +1,10 @@
 //! The clipped pixels of a panorama, and their gain by each method.
 
 use engine::{Context, NodeError, Notes};
+use render::light::energy_table::EnergyTable;
+use render::light::linear::LinearPixels;
+use scene::io::foreign::refuse_placeholder;
+use scene::types::{Data, Image, Panorama, Picture};
 
 use super::ceiling::ceiling;
 use super::clip::{clip_mask, clipped_light};
@@ -11,10 +15,6 @@ use super::method::Method;
 use super::photographs::Photographs;
 use super::reporting::{report_coarse, report_nothing_clipped, report_unseen};
 use super::{manual, network, region, sun};
-use crate::io::foreign::refuse_placeholder;
-use crate::light::energy_table::EnergyTable;
-use crate::light::linear::LinearPixels;
-use crate::types::{Data, Image, Panorama, Picture};
 
 /// Gain that the method predicts for a panorama.
 pub(super) struct Prediction {

@@ -2,11 +2,12 @@
 //!
 //! The networks were trained on cells of one size, so a coarser grid cannot be used for a coarser panorama.
 
+use render::light::linear::LinearPixels;
+use scene::math::equirect::pixel_solid_angle;
+use scene::math::num;
+use scene::types::{Data, Image};
+
 use super::grid::WIDTH;
-use crate::light::linear::LinearPixels;
-use crate::math::equirect::pixel_solid_angle;
-use crate::math::num;
-use crate::types::{Data, Image};
 
 /// A panorama of at least [`WIDTH`] columns in which each pixel of a smaller panorama is repeated along rows and
 /// columns.

@@ -1,9 +1,9 @@
 //! Photographs that a camera would take.
 
-use crate::light::linear::LinearPixels;
-use crate::math::color::{luminance, srgb_from_linear};
-use crate::math::num;
-use crate::types::{Data, Image};
+use render::light::linear::LinearPixels;
+use scene::math::color::{luminance, srgb_from_linear};
+use scene::math::num;
+use scene::types::{Data, Image};
 
 /// Photograph that a camera would take at `ev`: display-encoded, limited to white. `colour` holds the colour of the
 /// hidden light of each pixel, if it is known.

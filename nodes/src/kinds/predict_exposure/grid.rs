@@ -2,9 +2,8 @@
 
 use engine::Up;
 use glam::DVec3;
-
-use crate::light::linear::LinearPixels;
-use crate::math::equirect::{direction, pixel_solid_angle};
+use render::light::linear::LinearPixels;
+use scene::math::equirect::{direction, pixel_solid_angle};
 
 /// Number of columns of the grid. A finer panorama is averaged over the cells.
 pub(super) const WIDTH: usize = 256;

@@ -3,10 +3,10 @@
 use std::sync::Arc;
 
 use engine::InputFile;
+use scene::types::{Brackets, Images, Panorama, Report};
 
 use super::clip::CLIPPED;
 use super::method::Method;
-use crate::types::{Brackets, Images, Panorama, Report};
 
 engine::params! {
     /// Estimates the true brightness of the clipped parts of a panorama.

@@ -7,14 +7,14 @@ use engine::{Digest, DigestWriter, Notes};
 use learned::flux::{
     DType, Error as Flux, Files, Kontext, Pair, TrainSettings, Trainer, Watch, device, picture,
 };
+use render::light::linear::{LinearPixels, max3};
+use render::light::whole_sphere::light;
+use scene::error::Error;
+use scene::math::color::{linear_from_srgb, luminance};
+use scene::math::equirect::pixel_solid_angle;
 
 use super::kontext::WHERE;
 use super::kontext::picture::{STOPS, shrunk};
-use crate::error::Error;
-use crate::light::linear::{LinearPixels, max3};
-use crate::light::whole_sphere::light;
-use crate::math::color::{linear_from_srgb, luminance};
-use crate::math::equirect::pixel_solid_angle;
 
 /// Inputs and settings of a training run.
 #[derive(Debug, Clone)]
@@ -188,7 +188,7 @@ pub fn train(
         let zero = exposure(&pixels);
         for ev in FROM {
             let at = |ev: f64| {
-                let scale = zero * crate::math::num::f64::exp2(ev) as f32;
+                let scale = zero * scene::math::num::f64::exp2(ev) as f32;
                 picture(&shot(&pixels, scale, size), size, &device).map_err(flux)
             };
             match trainer.pair(&at(ev)?, &at(ev - STOPS)?, &mut watch) {

@@ -1,10 +1,9 @@
 //! Lights given by the user.
 
 use engine::{Context, NodeError, Notes, Up};
-
-use crate::light::linear::LinearPixels;
-use crate::math::equirect::direction;
-use crate::math::num;
+use render::light::linear::LinearPixels;
+use scene::math::equirect::direction;
+use scene::math::num;
 
 /// Largest gain of a light, in stops.
 const STOPS: f64 = 24.0;

@@ -3,12 +3,12 @@
 use std::fmt::Formatter;
 
 use engine::{Context, InputFile, NodeError, NotCanonical, Notes, ParamType, Role, canonical};
+use scene::types::Panorama;
 use serde::de::{Error, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
 
 use super::kontext::Kontext;
 use super::photographs::Photographs;
-use crate::types::Panorama;
 
 /// Method of estimating hidden light.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -3,17 +3,16 @@
 use std::sync::Arc;
 
 use engine::{Context, ContextField, Cost, Former, Kind, NodeError, Notes, SourceFile, SourceRoot};
+use render::light::energy_table::EnergyTable;
+use scene::math::color::luminance;
+use scene::math::num;
+use scene::types::{Brackets, Cell, Data, Image, Images, NamedImage, Report, Table, Taken};
 
 pub use self::clip::CLIPPED;
 use self::clipped::RegionLight;
 use self::clipping::{Clipping, Prediction};
 use self::exposures::expose;
 use self::photographs::Photographs;
-
-use crate::light::energy_table::EnergyTable;
-use crate::math::color::luminance;
-use crate::math::num;
-use crate::types::{Brackets, Cell, Data, Image, Images, NamedImage, Report, Table, Taken};
 
 mod ceiling;
 mod clip;

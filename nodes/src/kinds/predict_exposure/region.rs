@@ -2,14 +2,14 @@
 
 use engine::{Context, NodeError, Up};
 use glam::DVec3;
+use render::light::regions;
+use scene::math::color::luminance;
+use scene::math::num;
 
 use super::clipped::{Clipped, RegionLight};
 use super::grid::Grid;
 use super::spread::Spread;
 use super::sun;
-use crate::light::regions;
-use crate::math::color::luminance;
-use crate::math::num;
 
 /// Mean of each feature over the data of the regression, in the order of [`features`].
 const MEAN: [f64; 9] = [0.0, -7.542, 6.265, 0.229, 0.357, 0.993, 0.619, 0.032, 0.232];
@@ -83,7 +83,7 @@ pub(super) fn predict(
 /// 8. Share of the region in that solid angle.
 /// 9. Mean brightness of all unclipped parts.
 fn features(grid: &Grid, up: Up, cells: &[usize], (total, rest): (f64, f64), ceiling: f64) -> [f64; 9] {
-    let above = crate::math::equirect::axes(up)[2];
+    let above = scene::math::equirect::axes(up)[2];
     let (mut size, mut sine, mut sum) = (0.0, 0.0, DVec3::ZERO);
     for &cell in cells {
         let (d, solid_angle) = (grid.direction(up, cell), grid.solid_angle(cell));

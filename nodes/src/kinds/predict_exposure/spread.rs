@@ -1,13 +1,13 @@
 //! Distribution of the hidden light of a region over its clipped pixels.
 
 use engine::{Context, NodeError};
+use render::light::linear::LinearPixels;
+use render::light::regions::Regions;
+use scene::math::color::luminance;
+use scene::math::equirect::pixel_solid_angle;
+use scene::math::num;
 
 use super::grid::Grid;
-use crate::light::linear::LinearPixels;
-use crate::light::regions::Regions;
-use crate::math::color::luminance;
-use crate::math::equirect::pixel_solid_angle;
-use crate::math::num;
 
 /// Maximum ratio of the area of clipped cells to the area of the clipped pixels in them. A cell counts as clipped
 /// if any of its pixels is, so its area may be much larger. A gain that was fitted for whole cells is applied to

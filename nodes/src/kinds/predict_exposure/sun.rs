@@ -4,11 +4,11 @@
 //! and clouds.
 
 use engine::{Notes, Up};
+use render::light::regions;
+use scene::math::equirect::axes;
+use scene::math::num;
 
 use super::grid::Grid;
-use crate::light::regions;
-use crate::math::equirect::axes;
-use crate::math::num;
 
 /// Radius of the surroundings of a region, in cells.
 pub(super) const RING: usize = 3;

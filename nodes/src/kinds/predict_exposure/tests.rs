@@ -9,14 +9,14 @@ use super::clip::clip_mask;
 use super::clipped::Clipped;
 use super::grid::Grid;
 use super::*;
-use crate::light::linear::{LinearPixels, Transfer, linear_pixels};
-use crate::math::equirect::pixel_solid_angle;
-use crate::testing::context as cx;
-use crate::testing::row;
-use crate::types::Srgb;
-use crate::types::{Panorama, Picture};
 use engine::InputFile;
 use engine::{Kind, Scene, Up};
+use render::light::linear::{LinearPixels, Transfer, linear_pixels};
+use scene::math::equirect::pixel_solid_angle;
+use scene::types::Srgb;
+use scene::types::{Panorama, Picture};
+use testing::context as cx;
+use testing::row;
 
 fn pano(width: usize, colour: impl Fn(usize, usize) -> [f32; 3]) -> Arc<Panorama> {
     let height = width / 2;

@@ -2,12 +2,12 @@
 
 use engine::{Context, Notes};
 use glam::{DMat3, DMat4, DVec3};
+use render::geometry::level::upright_cameras;
+use scene::math::equirect::axes;
+use scene::types::Rig;
+use scene::types::frame::Similarity;
 
 use super::model::Found;
-use crate::geometry::level::upright_cameras;
-use crate::math::equirect::axes;
-use crate::types::Rig;
-use crate::types::frame::Similarity;
 
 /// Share of the points that lie below the ground: reflections, and points with large errors.
 const BELOW: f64 = 0.02;

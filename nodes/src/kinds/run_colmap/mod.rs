@@ -13,11 +13,11 @@ use std::sync::Arc;
 use engine::{
     Context, ContextField, Cost, FileHead, InputFile, Kind, NodeError, Notes, SourceFile, SourceRoot,
 };
+use scene::io::capture::pictures::{Listing, listing};
+use scene::io::picture::floats_of;
+use scene::types::{Photo, Photos, Report, Rig};
 
-use crate::io::capture::pictures::{Listing, listing};
-use crate::io::picture::floats_of;
 use crate::program::WorkFolder;
-use crate::types::{Photo, Photos, Report, Rig};
 pub use choices::{Lens, Matching};
 use steps::{Options, Steps};
 use tool::Tool;

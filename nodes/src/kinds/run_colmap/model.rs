@@ -3,17 +3,17 @@
 use std::collections::BTreeSet;
 
 use engine::{Context, NodeError, Notes};
+use scene::error::Error;
+use scene::io::capture::codes::{codes, of_size};
+use scene::io::capture::colmap;
+use scene::io::capture::distortion::INVISIBLE_PX;
+use scene::io::capture::points::{self, ScoredPoint};
+use scene::io::picture::{FileEncoding, decode};
+use scene::io::progress::Progress;
+use scene::types::pick::stem;
+use scene::types::{Camera, Cell, Photo, Report, Table};
 
-use crate::error::Error;
-use crate::io::capture::codes::{codes, of_size};
-use crate::io::capture::colmap;
-use crate::io::capture::distortion::INVISIBLE_PX;
-use crate::io::capture::points::{self, ScoredPoint};
-use crate::io::picture::{FileEncoding, decode};
-use crate::io::progress::Progress;
 use crate::program::WorkFolder;
-use crate::types::pick::stem;
-use crate::types::{Camera, Cell, Photo, Report, Table};
 
 /// A reconstruction.
 pub struct Found {

@@ -6,11 +6,11 @@ use std::time::{Duration, Instant};
 
 use engine::{Scene, Up};
 use glam::DVec3;
+use scene::io::capture::write::model as write_model;
+use scene::io::png::{Raster, write};
+use scene::types::{Camera, Cell, Point};
 
 use super::*;
-use crate::io::capture::write::model as write_model;
-use crate::io::png::{Raster, write};
-use crate::types::{Camera, Cell, Point};
 
 /// Number of photographs in the folder.
 const ALL: usize = 5;
@@ -53,7 +53,7 @@ fn place(with: usize, error_px: f64, extra: &str) -> tempfile::TempDir {
     }
     let photo = |index: usize| {
         let angle = index as f64 * 1.2;
-        let (sin, cos) = (crate::math::num::f64::sin(angle), crate::math::num::f64::cos(angle));
+        let (sin, cos) = (scene::math::num::f64::sin(angle), scene::math::num::f64::cos(angle));
         let (down, forward) = (DVec3::Y, DVec3::new(-cos, 0.0, -sin));
         // The cameras are 2 units above the lowest points.
         let eye = DVec3::splat(5.0) + DVec3::new(3.0 * cos, -2.0, 3.0 * sin);

@@ -3,12 +3,12 @@
 use std::collections::BTreeSet;
 
 use engine::{Context, InputFile, NodeError};
+use scene::io::capture::write::{file_name, model, pictures};
+use scene::io::mesh::{MeshFormat, encode as encode_mesh};
+use scene::io::splats::save::{SaveFormat, encode as encode_splats};
+use scene::types::{Mesh, Photos, Splats};
 
-use crate::io::capture::write::{file_name, model, pictures};
-use crate::io::mesh::{MeshFormat, encode as encode_mesh};
-use crate::io::splats::save::{SaveFormat, encode as encode_splats};
 use crate::program::WorkFolder;
-use crate::types::{Mesh, Photos, Splats};
 
 /// The names of the copies of files.
 ///

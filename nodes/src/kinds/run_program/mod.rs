@@ -10,11 +10,11 @@ use std::sync::Arc;
 use engine::{
     Context, ContextField, Cost, Digest, InputFile, Kind, NodeError, Notes, SourceFile, SourceRoot, Wired,
 };
+use scene::io::splats::{Frame, from_bytes};
+use scene::io::surface::{clean, from_ply};
+use scene::types::{Mesh, Photos, Splats};
 
-use crate::io::splats::{Frame, from_bytes};
-use crate::io::surface::{clean, from_ply};
 use crate::program::{Call, WorkFolder, find, fraction_in, run, stays_inside};
-use crate::types::{Mesh, Photos, Splats};
 
 engine::params! {
     /// Runs an installed program, such as a trainer of splats, and reads the splats or the mesh that it writes.

@@ -5,11 +5,11 @@ use std::path::Path;
 
 use engine::{Scene, Up};
 use glam::DVec3;
+use scene::io::mesh::{MeshFormat, encode as encode_mesh};
+use scene::io::splats::save::{SaveFormat, encode as encode_splats};
+use scene::types::{Camera, Photo, Point};
 
 use super::*;
-use crate::io::mesh::{MeshFormat, encode as encode_mesh};
-use crate::io::splats::save::{SaveFormat, encode as encode_splats};
-use crate::types::{Camera, Photo, Point};
 
 fn context(folder: &Path) -> Context {
     Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 1, exhaustive: false }, folder)

@@ -7,11 +7,11 @@ mod tally;
 use std::sync::Arc;
 
 use engine::{Context, Kind, NodeError, Notes, ViewCount};
+use render::light::level::level;
+use scene::math::color::luminance;
+use scene::types::layers::{linear, matching};
+use scene::types::{Data, Image, Images, Linear, NamedImage};
 
-use crate::light::level::level;
-use crate::math::color::luminance;
-use crate::types::layers::{linear, matching};
-use crate::types::{Data, Image, Images, Linear, NamedImage};
 use tally::Tally;
 
 use form::Limits;

@@ -1,7 +1,8 @@
 //! Parametric shaping of a shadow.
 
+use scene::math::num;
+
 use super::{RatioForm, ShadowRatio};
-use crate::math::num;
 
 impl ShadowRatio {
     /// Shaped factor of a raw ratio: the paper's parametric shadow shaping.

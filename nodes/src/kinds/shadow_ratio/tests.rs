@@ -1,6 +1,6 @@
 use super::*;
-use crate::math::num;
-use crate::testing::{context, row};
+use scene::math::num;
+use testing::{context, row};
 
 fn image(values: &[f32]) -> Arc<Images> {
     let samples = values.iter().flat_map(|&v| [v; 3]).collect();

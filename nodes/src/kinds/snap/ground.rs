@@ -2,10 +2,9 @@
 
 use engine::{Context, NodeError, Notes};
 use glam::{DVec3, Vec3};
-
-use crate::geometry::bvh::{Bvh, Ray};
-use crate::geometry::support::{Foot, median};
-use crate::types::Mesh;
+use render::geometry::bvh::{Bvh, Ray};
+use render::geometry::support::{Foot, median};
+use scene::types::Mesh;
 
 /// Minimum cosine of the angle between the normal of the ground and up.
 pub(super) const STEEPEST: f64 = 0.7;
@@ -188,7 +187,7 @@ fn under_a_shell([reach, under, upper]: [f64; 3]) -> NodeError {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::context;
+    use testing::context;
 
     /// Rough ground of 40 by 40 units in squares of 0.25 units, with a step, and with a few thin triangles across
     /// all of it.
@@ -239,7 +238,7 @@ mod tests {
         // Rays through the farthest corner of the object, at many rotations.
         let reach = corner.length();
         for k in 0..64 {
-            let (sin, cos) = crate::math::num::sin_cos(f64::from(k) / 64.0 * std::f64::consts::TAU);
+            let (sin, cos) = scene::math::num::sin_cos(f64::from(k) / 64.0 * std::f64::consts::TAU);
             let start = DVec3::new(reach * cos, reach * sin, 50.0);
             let ray = Ray::new(start.as_vec3(), -up.as_vec3());
             let hit = |ground: &Ground| {

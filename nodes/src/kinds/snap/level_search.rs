@@ -2,9 +2,9 @@
 
 use engine::{Context, NodeError};
 use glam::DVec3;
+use render::geometry::sampling::hash;
 
 use super::ground::STEEPEST;
-use crate::geometry::sampling::hash;
 
 /// Number of planes that are tried, each horizontal or through three points.
 const TRIED: u32 = 400;

@@ -8,12 +8,12 @@ use std::sync::Arc;
 
 use engine::{Context, ContextField, Keep, Kind, NodeError, Notes};
 use glam::{DMat4, DQuat};
+use render::geometry::resting::Relief;
+use render::geometry::support::{Foot, GroundPlane, triangles};
+use scene::math::equirect::axes;
+use scene::types::frame::world_from_gltf;
+use scene::types::{Cell, Mesh, Object, Placed, Pose, Report, Splats, Table};
 
-use crate::geometry::resting::Relief;
-use crate::geometry::support::{Foot, GroundPlane, triangles};
-use crate::math::equirect::axes;
-use crate::types::frame::world_from_gltf;
-use crate::types::{Cell, Mesh, Object, Placed, Pose, Report, Splats, Table};
 use ground::Ground;
 use level_search::bearing;
 use splat_ground::on_splats;

@@ -1,11 +1,11 @@
 //! Ground made of splats, below an object's foot.
 
 use glam::{DMat3, DQuat, DVec3};
+use render::geometry::support::Foot;
+use scene::math::num;
+use scene::types::Splats;
 
 use super::ground::GRID;
-use crate::geometry::support::Foot;
-use crate::math::num;
-use crate::types::Splats;
 
 /// Minimum density of a splat, relative to full opacity, along a vertical line at which the splat counts as ground.
 const OPAQUE: f64 = 0.3;

@@ -1,8 +1,8 @@
 use glam::DVec3;
 
 use super::*;
-use crate::testing::context;
-use crate::types::Primitive;
+use scene::types::Primitive;
+use testing::context;
 
 /// Pyramid that stands on its square base, 0.4 by 0.4 wide and 1 high, with y up as in glTF.
 fn object() -> Arc<Object> {
@@ -121,7 +121,7 @@ fn relief(height: impl Fn(f64, f64) -> f64) -> Mesh {
 /// by 43 mm.
 #[test]
 fn on_curved_ground_objects_stand_on_what_they_touch() {
-    let exp = |v: f64| f64::from(crate::math::num::f32::exp(v as f32));
+    let exp = |v: f64| f64::from(scene::math::num::f32::exp(v as f32));
     let mound = |x: f64, y: f64| 0.15 * exp(-(x * x + y * y) / 0.18);
     let hollow = |x: f64, y: f64| 0.6 * (x * x + y * y);
     let kerb = |x: f64, _: f64| 0.15 / (1.0 + exp(-x / 0.04));
@@ -296,7 +296,7 @@ fn splats_hold_objects_too() {
         opacities: Vec::new(),
         sh_degree: 0,
         sh: vec![[0.0; 3]; 400],
-        encoding: crate::types::SplatEncoding::Srgb,
+        encoding: scene::types::SplatEncoding::Srgb,
         antialiased: false,
     };
     for i in 0..400_u32 {

@@ -8,14 +8,13 @@ use std::sync::Arc;
 
 use engine::{Context, ContextField, Cost, Kind, NodeError, Notes, Sizes, Up};
 use glam::DVec3;
+use render::light::energy_table::EnergyTable;
+use render::light::linear::{Transfer, linear_pixels};
+use render::light::panorama::{COLUMNS_A_PIXEL, Unfilled, check_width, finish, linear_row};
+use scene::math::{color, equirect, num};
+use scene::types::{Images, Panorama, Picture, Report, View, Views};
 
-use crate::light::energy_table::EnergyTable;
-use crate::light::linear::{Transfer, linear_pixels};
-use crate::light::panorama::{COLUMNS_A_PIXEL, Unfilled, check_width, finish, linear_row};
-use crate::math::{color, equirect, num};
-use crate::types::{Images, Panorama, Picture, Report, View, Views};
-
-pub use crate::light::panorama::Holes;
+pub use render::light::panorama::Holes;
 
 engine::params! {
     /// Resamples views around a point into an equirectangular panorama.

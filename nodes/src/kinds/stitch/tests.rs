@@ -2,9 +2,9 @@ use glam::DVec3;
 
 use super::*;
 use crate::kinds::cube_rig::{Turn, cube};
-use crate::testing::{context, row};
-use crate::types::{Camera, Cell, Rig};
-use crate::types::{Data, Image, Srgb};
+use scene::types::{Camera, Cell, Rig};
+use scene::types::{Data, Image, Srgb};
+use testing::{context, row};
 
 fn views(rig: Rig, colour: impl Fn(&Camera, usize, usize) -> [f32; 4]) -> Arc<Views> {
     let view = |camera: Camera| {

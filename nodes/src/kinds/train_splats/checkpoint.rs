@@ -1,9 +1,8 @@
 //! State of a training as a stored value.
 
 use engine::{Artifact, Corrupt, Decoder, Difference, Encoder};
-
-use crate::train::state::{Exposure, State};
-use crate::types::{Splats, grouped};
+use render::train::state::{Exposure, State};
+use scene::types::{Splats, grouped};
 
 /// Results of a range of iterations.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

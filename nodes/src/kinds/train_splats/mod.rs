@@ -9,16 +9,16 @@ use std::sync::Arc;
 
 use engine::{Context, ContextField, Cost, Kind, NodeError, Notes, Part, Preview, Sizes};
 use fearless_simd::Level;
+use render::splat::Settings;
+use render::train::adam::Corrections;
+use render::train::init::{random_points, splats_at, thinned};
+use render::train::loss::Target;
+use render::train::schedule::Schedule;
+use render::train::state::State;
+use render::train::step::{Shot, Trainer, extent};
+use scene::types::{Camera, Photo, Photos, Report, Splats};
 use serde::Serialize;
 
-use crate::render::splat::Settings;
-use crate::train::adam::Corrections;
-use crate::train::init::{random_points, splats_at, thinned};
-use crate::train::loss::Target;
-use crate::train::schedule::Schedule;
-use crate::train::state::State;
-use crate::train::step::{Shot, Trainer, extent};
-use crate::types::{Camera, Photo, Photos, Report, Splats};
 use checkpoint::{Checkpoint, Stretch};
 
 engine::params! {

@@ -1,14 +1,14 @@
 //! Scores of held-out photographs, and the report.
 
 use engine::{Context, NodeError};
+use render::splat::{Settings, render};
+use render::train::state::State;
+use scene::math::metrics::{Plane, errors, mean_over, ssim_map};
+use scene::math::num;
+use scene::types::{Camera, Cell, Photo, Report, Splats, Table};
 
 use super::TrainSplats;
 use super::checkpoint::Stretch;
-use crate::math::metrics::{Plane, errors, mean_over, ssim_map};
-use crate::math::num;
-use crate::render::splat::{Settings, render};
-use crate::train::state::State;
-use crate::types::{Camera, Cell, Photo, Report, Splats, Table};
 
 /// Score of a photograph that was held out.
 pub struct Score {
@@ -116,7 +116,7 @@ pub fn report(
     }
     tables.push(Table::new("held-out", ["photograph", "PSNR (dB)", "SSIM"], rows));
     if p.exposure {
-        let row = |(camera, exposure): (&Camera, &crate::train::state::Exposure)| {
+        let row = |(camera, exposure): (&Camera, &render::train::state::Exposure)| {
             let gains = exposure.log_gain.map(|v| Cell::Number(num::f64::exp(v.into())));
             std::iter::once(Cell::Text(camera.name.clone())).chain(gains).collect()
         };

@@ -4,10 +4,10 @@ use std::sync::LazyLock;
 
 use super::*;
 use crate::kinds::demo_scene::{self, DemoScene};
-use crate::math::color::srgb_from_linear;
-use crate::render::splat::render;
-use crate::testing::context;
-use crate::types::Cell;
+use render::splat::render;
+use scene::math::color::srgb_from_linear;
+use scene::types::Cell;
+use testing::context;
 
 /// The first photographs of the demo scene, of 96x64 pixels.
 fn photographs(count: usize) -> Arc<Photos> {
@@ -38,7 +38,7 @@ fn all_photographs(count: u32) -> Photos {
     };
     let points = out.proxy.positions.iter().zip(&out.proxy.colours).step_by(5);
     let points = points
-        .map(|(position, rgb)| crate::types::Point { position: *position, rgb: rgb.map(srgb_from_linear) });
+        .map(|(position, rgb)| scene::types::Point { position: *position, rgb: rgb.map(srgb_from_linear) });
     Photos { photos: out.capture.cameras.iter().map(photo).collect(), points: points.collect() }
 }
 

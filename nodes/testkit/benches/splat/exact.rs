@@ -1,8 +1,7 @@
 //! Compares every mode with the float64 references of `splat-refs`, and with this renderer in float64 if every
 //! splat is evaluated at every pixel.
 
-use nodes::render::splat::{Bounds, Precision, Settings, render};
-
+use render::splat::{Bounds, Precision, Settings, render};
 use testkit::psnr;
 
 use crate::{Bench, millions, timed};

@@ -5,8 +5,8 @@ use std::sync::Mutex;
 
 use fearless_simd::Level;
 use glam::DVec3;
-use nodes::render::splat::{Clock, Settings, Work, render_at};
-use nodes::types::{Camera, Splats};
+use render::splat::{Clock, Settings, Work, render_at};
+use scene::types::{Camera, Splats};
 
 use testkit::{process_seconds, thread_seconds};
 

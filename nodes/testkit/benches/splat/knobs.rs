@@ -1,8 +1,7 @@
 //! Measures the loss of quality that each setting causes, in decibels, and the number of evaluations that it saves.
 
-use nodes::render::splat::{Bounds, DepthMode, Precision, Rendered, Settings, Sort, render};
-use nodes::types::{Camera, Splats};
-
+use render::splat::{Bounds, DepthMode, Precision, Rendered, Settings, Sort, render};
+use scene::types::{Camera, Splats};
 use testkit::psnr;
 
 use crate::{Bench, millions, timed};

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use engine::Up;
-use nodes::types::Splats;
+use scene::types::Splats;
 use testkit::{Data, process_seconds};
 
 use crate::Bench;

@@ -20,7 +20,7 @@ use std::sync::{Arc, OnceLock};
 
 use engine::{Context, Up};
 use glam::DVec3;
-use nodes::types::{Camera, SplatEncoding, Splats};
+use scene::types::{Camera, SplatEncoding, Splats};
 use testkit::{Data, Reference, process_seconds};
 
 /// Data, context and thread pool of the benchmarks.

@@ -10,8 +10,8 @@ use nodes::kinds::cube_rig::{self, CubeRig, Turn};
 use nodes::kinds::splat_panorama::{self, SplatPanorama};
 use nodes::kinds::splat_render::{self, SplatRender};
 use nodes::kinds::stitch::Holes;
-use nodes::render::splat::{Drawing, Sort};
-use nodes::types::{Pose, Rig};
+use render::splat::{Drawing, Sort};
+use scene::types::{Pose, Rig};
 
 use crate::{Bench, EYE, load};
 

@@ -10,10 +10,10 @@ use nodes::kinds::cube_rig::{self, CubeRig, Turn};
 use nodes::kinds::splat_panorama::{self, SplatPanorama};
 use nodes::kinds::splat_render::{self, SplatRender};
 use nodes::kinds::stitch::{self, Holes, Stitch};
-use nodes::math::equirect;
-use nodes::math::num;
-use nodes::render::splat::{Drawing, Precision, Sort};
-use nodes::types::{Camera, Panorama, Pose, Rig, Splats};
+use render::splat::{Drawing, Precision, Sort};
+use scene::math::equirect;
+use scene::math::num;
+use scene::types::{Camera, Panorama, Pose, Rig, Splats};
 
 use crate::{Bench, EYE, look, timed};
 

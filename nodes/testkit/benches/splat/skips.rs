@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use glam::DMat4;
 use nodes::kinds::cube_rig::{self, CubeRig, Turn};
-use nodes::render::splat::{Blocks, PanoramaCamera, Settings, Work, panorama, render_with};
-use nodes::types::{Camera, Pose, Splats};
+use render::splat::{Blocks, PanoramaCamera, Settings, Work, panorama, render_with};
+use scene::types::{Camera, Pose, Splats};
 
 use engine::{Kind, Up};
 

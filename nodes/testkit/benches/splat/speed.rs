@@ -3,7 +3,7 @@
 //! stays in the L1 cache.
 
 use fearless_simd::Level;
-use nodes::render::splat::{Clock, Rendered, Settings, calibrate, render_at};
+use render::splat::{Clock, Rendered, Settings, calibrate, render_at};
 
 use testkit::thread_seconds;
 

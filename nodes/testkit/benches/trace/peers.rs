@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use nodes::kinds::path_trace::surroundings::Surroundings;
-use nodes::types::Images;
+use scene::types::Images;
 use testkit::{Case, Data, denoised, rgb};
 
 fn write(path: &Path, images: &Images) {

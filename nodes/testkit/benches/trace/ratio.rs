@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use nodes::kinds::path_trace::surroundings::Surroundings;
-use nodes::types::Images;
+use scene::types::Images;
 use testkit::{Case, Data, Traced, denoised, relative_mse, rgb};
 
 /// Number of seeds. Reported errors are means over the seeds, and reported CPU seconds are medians.

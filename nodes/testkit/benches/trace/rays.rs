@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, Stdio};
 
 use glam::Vec3;
-use nodes::geometry::bvh::{Bvh, Ray};
-use nodes::geometry::sampling::{Points, circle};
+use render::geometry::bvh::{Bvh, Ray};
+use render::geometry::sampling::{Points, circle};
 use testkit::{Case, Data, thread_seconds};
 
 /// Number of rays in a set of rays.

@@ -5,15 +5,15 @@ use std::sync::Arc;
 
 use engine::{Context, Kind, Scene as World, Up};
 use glam::{DMat3, DMat4, DQuat, DVec3};
-use nodes::geometry::sampling::{fraction, hash};
 use nodes::kinds::demo_scene::{self, DemoScene, Setting};
 use nodes::kinds::extract_mesh::{self, ExtractMesh};
 use nodes::kinds::load_mesh::ColourEncoding;
-use nodes::math::equirect::axes;
-use nodes::math::num;
-use nodes::render::agreement::{CapturedPlace, Comparison, Finding, Likely, compare};
-use nodes::types::frame::Similarity;
-use nodes::types::{Camera, Mesh, Pose, Rig, Splats};
+use render::agreement::{CapturedPlace, Comparison, Finding, Likely, compare};
+use render::geometry::sampling::{fraction, hash};
+use scene::math::equirect::axes;
+use scene::math::num;
+use scene::types::frame::Similarity;
+use scene::types::{Camera, Mesh, Pose, Rig, Splats};
 
 use super::data;
 

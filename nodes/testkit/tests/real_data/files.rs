@@ -1,10 +1,10 @@
 //! Tests of loaders on real files.
 
 use engine::{InputFile, Kind, Notes, SourceRoot, Up};
-use nodes::io::{exr, hdr};
 use nodes::kinds::load_mesh::ColourEncoding;
 use nodes::kinds::load_object::{self, LoadObject};
-use nodes::types::Object;
+use scene::io::{exr, hdr};
+use scene::types::Object;
 use testkit::Data;
 
 use super::data;
@@ -36,9 +36,9 @@ fn radiance_files_match_their_statistics() {
         let (mut sum, mut largest) = (0.0_f64, 0.0_f64);
         for y in 0..512 {
             let weight =
-                nodes::math::equirect::pixel_solid_angle(1024, 512, y) / (4.0 * std::f64::consts::PI);
+                scene::math::equirect::pixel_solid_angle(1024, 512, y) / (4.0 * std::f64::consts::PI);
             for x in 0..1024 {
-                let l = f64::from(nodes::math::color::luminance(env.image.rgb(x, y)));
+                let l = f64::from(scene::math::color::luminance(env.image.rgb(x, y)));
                 sum += l * weight;
                 largest = largest.max(l);
             }

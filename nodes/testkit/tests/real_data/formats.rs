@@ -3,10 +3,10 @@
 use std::sync::Arc;
 
 use engine::{Context, InputFile, Kind, Notes, Up};
-use nodes::io::splats::from_bytes;
-use nodes::io::splats::save::{SaveFormat, encode};
 use nodes::kinds::load_splats::{self, Frame, LoadSplats};
-use nodes::types::Splats;
+use scene::io::splats::from_bytes;
+use scene::io::splats::save::{SaveFormat, encode};
+use scene::types::Splats;
 use testkit::Data;
 
 use super::data;
@@ -35,7 +35,7 @@ fn turned(a: [f32; 4], [w, x, y, z]: [f32; 4]) -> f64 {
     let same = [[w, x, y, z], [-x, w, z, -y], [-y, -z, w, x], [-z, y, -x, w]];
     let dot = |b: [f32; 4]| a.iter().zip(b).map(|(a, b)| f64::from(*a) * f64::from(b)).sum::<f64>().abs();
     let nearest = same.into_iter().map(dot).fold(0.0, f64::max);
-    2.0 * nodes::math::num::f64::acos(nearest.min(1.0)).to_degrees()
+    2.0 * scene::math::num::f64::acos(nearest.min(1.0)).to_degrees()
 }
 
 // One object in two formats, written by different programs from one source, splat for splat in the same
@@ -52,7 +52,7 @@ fn biker_is_the_same_in_both_formats() {
     let colours = off(spz.sh.as_flattened(), ply.sh.as_flattened());
     let opacities = off(&spz.opacities, &ply.opacities);
     // SPZ knows no smaller scale than e^-10, and steps by 1/16.
-    let log = |v: &f32| nodes::math::num::f32::ln(*v).max(-10.0);
+    let log = |v: &f32| scene::math::num::f32::ln(*v).max(-10.0);
     let logs = |s: &Splats| s.scales.as_flattened().iter().map(log).collect::<Vec<_>>();
     let scales = off(&logs(&spz), &logs(&ply));
     let mut turns: Vec<f64> = spz.quats.iter().zip(&ply.quats).map(|(a, b)| turned(*a, *b)).collect();

@@ -6,12 +6,12 @@ use std::sync::Arc;
 
 use engine::{InputFile, Kind};
 use glam::{DMat3, DQuat, DVec3};
-use nodes::geometry::level::{self, LevelEstimate};
-use nodes::io::splats::{Frame, Row, Turn};
 use nodes::kinds::demo_scene::{self, DemoScene, Setting};
 use nodes::kinds::load_splats::{self, LoadSplats};
-use nodes::math::num;
-use nodes::types::Splats;
+use render::geometry::level::{self, LevelEstimate};
+use scene::io::splats::{Frame, Row, Turn};
+use scene::math::num;
+use scene::types::Splats;
 
 use super::data;
 

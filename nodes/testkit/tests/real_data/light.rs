@@ -7,15 +7,15 @@ use nodes::kinds::fuse_hdr::{self, Blend, FuseHdr, Gain, Hue};
 use nodes::kinds::load_panorama::{self, LoadPanorama};
 use nodes::kinds::predict_exposure::{self, Method, PredictExposure};
 use nodes::kinds::score_env::{self, ScoreEnv};
-use nodes::light::linear::Transfer;
-use nodes::types::{Brackets, Cell, Image, Panorama, Srgb};
+use render::light::linear::Transfer;
+use scene::types::{Brackets, Cell, Image, Panorama, Srgb};
 
 use super::data;
 
 /// A picture that shows the probe of the bench case, in display values.
 fn picture(name: &str) -> Image<Srgb> {
     let bytes = data().bytes(&format!("bench-case/probe/{name}"));
-    let raster = nodes::io::png::read(name, &bytes).unwrap();
+    let raster = scene::io::png::read(name, &bytes).unwrap();
     let (width, height, channels) = (raster.width, raster.height, raster.channels);
     let samples = raster.samples();
     let rgb = samples.chunks_exact(channels).flat_map(|p| [p[0], p[1], p[2]]).collect();
@@ -74,15 +74,15 @@ fn the_true_bracket_gives_the_true_light_but_for_the_sun() {
         colour: None,
         evs: vec![-6.0, -3.0],
         exposures,
-        taken: nodes::types::Taken::Display,
-        report: nodes::types::Report::default(),
+        taken: scene::types::Taken::Display,
+        report: scene::types::Report::default(),
     };
     let params = fusion(Gain::Brackets);
     let inputs = fuse_hdr::In { base: pano(), brackets: Arc::new(brackets) };
     let (fused, notes) = FuseHdr::run(&params, inputs, &data().context()).unwrap();
     assert!(notes.iter().any(|note| note.id == "saturated-at-darkest"));
     let bytes = data().bytes("bench-case/probe/truth_equirect.exr");
-    let truth = nodes::io::exr::read("truth_equirect.exr", &bytes).unwrap();
+    let truth = scene::io::exr::read("truth_equirect.exr", &bytes).unwrap();
     let green = truth.find("G").unwrap();
     let (mut off, mut judged) = (0_u64, 0_u64);
     for (at, want) in green.iter().enumerate().filter(|(_, want)| **want < 50.0) {

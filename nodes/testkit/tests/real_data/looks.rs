@@ -6,7 +6,7 @@ use engine::{Kind, Notes, Up};
 use glam::{DMat4, DVec3};
 use nodes::kinds::path_trace::surroundings::Surroundings;
 use nodes::kinds::path_trace::{self, PathTrace};
-use nodes::types::{Camera, Mesh, Placed, Rig};
+use scene::types::{Camera, Mesh, Placed, Rig};
 use testkit::Data;
 
 fn camera(eye: DVec3, target: DVec3, (width, height): (u32, u32), fov_y_deg: f64) -> Rig {
@@ -18,7 +18,7 @@ fn camera(eye: DVec3, target: DVec3, (width, height): (u32, u32), fov_y_deg: f64
         forward.extend(0.0),
         eye.extend(1.0),
     );
-    let f = f64::from(height) / 2.0 / nodes::math::num::f64::tan(fov_y_deg.to_radians() / 2.0);
+    let f = f64::from(height) / 2.0 / scene::math::num::f64::tan(fov_y_deg.to_radians() / 2.0);
     let camera = Camera {
         name: "view".to_owned(),
         width_px: width,

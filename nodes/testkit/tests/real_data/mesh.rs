@@ -5,12 +5,12 @@ use std::sync::Arc;
 
 use engine::Kind;
 use glam::{DMat4, DQuat, DVec3, Vec3};
-use nodes::geometry::bvh::{Bvh, Ray};
 use nodes::kinds::extract_mesh::{ExtractMesh, In};
 use nodes::kinds::load_mesh::ColourEncoding;
-use nodes::math::num;
-use nodes::render::splat::{DepthMode, Settings, render};
-use nodes::types::{Camera, Mesh, Pose, Rig, Splats};
+use render::geometry::bvh::{Bvh, Ray};
+use render::splat::{DepthMode, Settings, render};
+use scene::math::num;
+use scene::types::{Camera, Mesh, Pose, Rig, Splats};
 
 use super::data;
 use super::splat::load;
@@ -25,7 +25,7 @@ pub fn views() -> Arc<Rig> {
 /// Planar depth of a view without the object, rendered by Cycles; 1e6 where no surface is visible.
 pub fn truth(view: &str) -> Vec<f32> {
     let bytes = data().bytes(&format!("bench-case/gt/{view}_without.exr"));
-    nodes::io::exr::read(view, &bytes).unwrap().find("Z").unwrap().to_vec()
+    scene::io::exr::read(view, &bytes).unwrap().find("Z").unwrap().to_vec()
 }
 
 /// Normally distributed random numbers that are the same on every machine.

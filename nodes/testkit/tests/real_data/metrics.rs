@@ -7,8 +7,8 @@ use nodes::kinds::compare::{self, Compare, Space};
 use nodes::kinds::load_image::{self, FileEncoding, LoadImage};
 use nodes::kinds::region_masks::{self, RegionMasks};
 use nodes::kinds::score_env::{self, ScoreEnv};
-use nodes::math::metrics::{Exposures, PIXELS_PER_DEGREE, Plane, hdr_flip_map};
-use nodes::types::{Cell, Environment, Images, Picture, Report};
+use scene::math::metrics::{Exposures, PIXELS_PER_DEGREE, Plane, hdr_flip_map};
+use scene::types::{Cell, Environment, Images, Picture, Report};
 
 use super::data;
 
@@ -102,7 +102,7 @@ fn relative_mse_agrees_on_linear_light() {
         let (ours, theirs) = (table(&report, 0, "relative mse"), number(&wanted["rel_mse_eps1e2"]));
         assert!((ours - theirs).abs() < 1e-9 * theirs.max(1.0), "{name}: {ours} against {theirs}");
         let (ours, theirs) =
-            (table(&report, 0, "psnr"), -10.0 * nodes::math::num::f64::log10(number(&wanted["mse"])));
+            (table(&report, 0, "psnr"), -10.0 * scene::math::num::f64::log10(number(&wanted["mse"])));
         assert!((ours - theirs).abs() < 1e-9, "{name}: {ours} against {theirs}");
     }
 }
@@ -121,7 +121,7 @@ fn panoramas_are_weighed_as_the_reference_does() {
         let (mut mean, mut sphere) = (0.0, 0.0);
         let (width, height) = (truth.image.width, truth.image.height);
         for i in 0..width * height {
-            let weight = nodes::math::equirect::pixel_solid_angle(width, height, i / width);
+            let weight = scene::math::equirect::pixel_solid_angle(width, height, i / width);
             sphere += 3.0 * weight;
             mean += weight * truth.image.rgb(i % width, i / width).map(f64::from).iter().sum::<f64>();
         }

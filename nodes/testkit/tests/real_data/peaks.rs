@@ -7,8 +7,8 @@ use engine::Kind;
 use glam::{DMat4, DVec3};
 use nodes::kinds::snap::{In, Snap};
 use nodes::kinds::splat_render::SplatRender;
-use nodes::render::splat::{Limit, Settings, render};
-use nodes::types::{Camera, Data, Image, Pose, Splats};
+use render::splat::{Limit, Settings, render};
+use scene::types::{Camera, Data, Image, Pose, Splats};
 
 use super::data;
 use super::mesh::{FOOT, degraded, depth_of, given, truth, views};

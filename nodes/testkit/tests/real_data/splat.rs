@@ -5,10 +5,10 @@ use std::sync::Arc;
 use engine::Up;
 use fearless_simd::Level;
 use glam::{DMat4, DVec3};
-use nodes::render::splat::{
+use render::splat::{
     Blocks, Bounds, PanoramaCamera, Precision, Rendered, Settings, panorama, render, render_at, render_with,
 };
-use nodes::types::{Camera, Splats};
+use scene::types::{Camera, Splats};
 use testkit::{Reference, psnr};
 
 use super::data;
@@ -186,7 +186,7 @@ fn the_bench_case_looks_as_its_splatter_says() {
                 squares += off * off / (truth.len() / channels * 3) as f64;
             }
         }
-        let psnr = -10.0 * nodes::math::num::f64::log10(squares);
+        let psnr = -10.0 * scene::math::num::f64::log10(squares);
         println!("view {i}: {psnr:.2} dB, README {bar}");
         assert!(psnr > bar - 0.5, "view {i}: {psnr:.2} dB");
     }

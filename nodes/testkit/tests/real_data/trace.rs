@@ -3,8 +3,8 @@
 use engine::Up;
 use nodes::kinds::path_trace;
 use nodes::kinds::path_trace::surroundings::Surroundings;
-use nodes::math::color::luminance;
-use nodes::types::Images;
+use scene::math::color::luminance;
+use scene::types::Images;
 use testkit::{Case, Data, block_scores, denoised, mean, relative_mse, rgb};
 
 fn case(name: &str) -> Case {
@@ -165,8 +165,8 @@ fn the_ratio_raw_and_denoised_is_within_its_bars() {
 #[test]
 fn ten_million_triangles_are_built_and_met() {
     use glam::Vec3;
-    use nodes::geometry::bvh::{Bvh, Ray};
-    use nodes::geometry::sampling::{mix, unit};
+    use render::geometry::bvh::{Bvh, Ray};
+    use render::geometry::sampling::{mix, unit};
 
     let down = |x: f32, y: f32| Ray::new(Vec3::new(x, y, 2.0), Vec3::NEG_Z);
     let crowd = Bvh::build(&vec![[Vec3::ZERO, Vec3::X, Vec3::Y]; 10_000_000]);

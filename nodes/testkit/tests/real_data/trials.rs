@@ -11,8 +11,8 @@ use nodes::kinds::load_mesh::{self, ColourEncoding, LoadMesh, MeshFrame};
 use nodes::kinds::load_object::{self, LoadObject};
 use nodes::kinds::load_splats::{self, LoadSplats};
 use nodes::kinds::splat_render::{self, SplatRender};
-use nodes::render::splat::{Compensation, Drawing, Sort};
-use nodes::types::{Mesh, Object, Rig, Splats};
+use render::splat::{Compensation, Drawing, Sort};
+use scene::types::{Mesh, Object, Rig, Splats};
 
 use super::data;
 
@@ -140,7 +140,7 @@ fn objects_of_other_tools_look_as_they_should() {
     let (turned, notes) = object("inside_out.glb").unwrap();
     assert!(notes.iter().any(|note| note.id == "faces-turned"));
     let volume = |object: &Object| -> f64 {
-        let of = |p: &nodes::types::Primitive| -> f64 {
+        let of = |p: &scene::types::Primitive| -> f64 {
             p.triangles
                 .iter()
                 .map(|t| {

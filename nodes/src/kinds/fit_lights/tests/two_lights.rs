@@ -6,12 +6,12 @@ use engine::{Notes, Up};
 use glam::DVec3;
 
 use super::super::*;
-use crate::geometry::sampling::{fraction, hash};
-use crate::light::emitters::{Emitters, colour_angle_deg, find, texel};
-use crate::light::measure::luminance;
-use crate::math::num;
-use crate::testing::context;
-use crate::types::{Cell, Image};
+use render::geometry::sampling::{fraction, hash};
+use render::light::emitters::{Emitters, colour_angle_deg, find, texel};
+use render::light::measure::luminance;
+use scene::math::num;
+use scene::types::{Cell, Image};
+use testing::context;
 
 type Rgb = [f64; 3];
 

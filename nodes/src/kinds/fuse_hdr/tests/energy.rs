@@ -69,7 +69,7 @@ fn what_gets_darker_is_in_the_books() {
         let (out, notes) = run(&params, (base.clone(), Arc::new(brackets.clone())));
         let light: Vec<f64> =
             (0..W * H).map(|at| luminance(out.env.image.rgb(at % W, at / W)).into()).collect();
-        let stored = crate::light::energy::Energy::of(Up::PlusZ, W, &light).power;
+        let stored = render::light::energy::Energy::of(Up::PlusZ, W, &light).power;
         let reported = steps(&out.report, 0).last().map_or(0.0, |step| step.1);
         assert!((reported / stored - 1.0).abs() < 1e-6, "{reported} {stored}");
         assert_eq!(notes.iter().any(|note| note.id == "made-darker"), fell);
@@ -130,7 +130,7 @@ fn a_feather_is_an_angle_and_keeps_the_light() {
         let (width, height) = (360, 180);
         let angle = |at: usize| {
             let (u, v) = ((at % width) as f64 + 0.5, (at / width) as f64 + 0.5);
-            let d = crate::math::equirect::direction(Up::PlusZ, u / width as f64, v / height as f64);
+            let d = scene::math::equirect::direction(Up::PlusZ, u / width as f64, v / height as f64);
             num::f64::acos(d.dot(centre).clamp(-1.0, 1.0)).to_degrees()
         };
         let rgb: Vec<[f32; 3]> =
@@ -145,7 +145,7 @@ fn a_feather_is_an_angle_and_keeps_the_light() {
         let mut soft = whole.clone();
         Lights::find(&pixels, &whole, |_| 0.0).feather(8.0, &pixels, &mut soft, &cx()).expect("runs");
         let flux = |fused: &[Fused]| -> f64 {
-            let size = |at| crate::math::equirect::pixel_solid_angle(width, height, at / width);
+            let size = |at| scene::math::equirect::pixel_solid_angle(width, height, at / width);
             fused.iter().enumerate().map(|(at, f)| f.luminance * size(at)).sum()
         };
         assert!((flux(&soft) / flux(&whole) - 1.0).abs() < 1e-9);

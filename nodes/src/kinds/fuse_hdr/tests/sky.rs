@@ -2,9 +2,10 @@
 
 use std::f64::consts::PI;
 
+use render::light::energy::Energy;
+use scene::math::equirect::pixel_solid_angle;
+
 use super::*;
-use crate::light::energy::Energy;
-use crate::math::equirect::pixel_solid_angle;
 
 /// Radiance of the true sky. The upper rows of half of the columns are unseen.
 const SKY: f64 = 0.6;

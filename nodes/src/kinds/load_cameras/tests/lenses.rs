@@ -71,7 +71,7 @@ fn angles_outside_half_a_turn_are_errors() {
 // A frame's own lens counts, whatever the top of the file says. An earlier version took the angle of the top.
 #[test]
 fn the_lens_of_a_frame_counts_before_that_of_the_file() {
-    let angle = 2.0 * crate::math::num::atan2(20.0, 50.0);
+    let angle = 2.0 * scene::math::num::atan2(20.0, 50.0);
     let degrees = angle.to_degrees();
     let size = r#""w": 40, "h": 30, "#;
     for (top, frame) in [

@@ -33,7 +33,7 @@ fn the_path_of_a_viewer_is_read() {
 // The synthetic scenes of NeRF have no sizes, and paths without an ending.
 #[test]
 fn sizes_come_from_the_pictures() {
-    let raster = |width: usize, height: usize| crate::io::png::Raster {
+    let raster = |width: usize, height: usize| scene::io::png::Raster {
         width,
         height,
         channels: 1,
@@ -42,10 +42,10 @@ fn sizes_come_from_the_pictures() {
         ignored: Vec::new(),
         colour: None,
     };
-    let png = |w, h| crate::io::png::write(&raster(w, h), false, &[]).unwrap_or_else(|e| panic!("{e}"));
+    let png = |w, h| scene::io::png::write(&raster(w, h), false, &[]).unwrap_or_else(|e| panic!("{e}"));
     let (wide, small) = (png(40, 30), png(20, 10));
     let pose = r#""transform_matrix": [[0, 1, 0, 1], [1, 0, 0, 2], [0, 0, -1, 3], [0, 0, 0, 1]]"#;
-    let angle = 2.0 * crate::math::num::atan2(20.0, 50.0);
+    let angle = 2.0 * scene::math::num::atan2(20.0, 50.0);
     let text = format!(
         r#"{{"camera_angle_x": {angle}, "frames": [{{"file_path": "./train/r_0", {pose}}},
         {{"file_path": "train\\r_1.png", {pose}}}]}}"#

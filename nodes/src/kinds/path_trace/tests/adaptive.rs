@@ -1,7 +1,8 @@
 //! Tests of adaptive sampling and of the reported errors.
 
+use scene::types::Cell;
+
 use super::*;
-use crate::types::Cell;
 
 fn until(error: f64, samples: u32) -> PathTrace {
     PathTrace { max_error: Some(error), ..params(samples, Surroundings::OPEN) }
@@ -220,7 +221,7 @@ fn intervals_cover_where_samples_are_adapted() {
 #[test]
 fn what_would_reach_the_error_is_reported() {
     use crate::kinds::path_trace::reporting::report_plan;
-    use crate::render::transport::picture::accumulator::{ReachedError, TargetError};
+    use render::transport::picture::accumulator::{ReachedError, TargetError};
     let reported = |asked: f64, worst: f64| {
         let asked = TargetError { error: asked, required: true };
         let reached = ReachedError { asked, worst, predicted: worst, blocks: [4, 3, 2], samples: 16.0 };

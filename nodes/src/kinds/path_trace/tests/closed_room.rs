@@ -41,7 +41,7 @@ fn no_light_gets_in_under_a_foot() {
 /// This test fails if `Integrator::surface` does not call `Ground::over` (the light is then 10 % off).
 #[test]
 fn a_sunk_foot_is_lit_like_one_on_the_floor() {
-    let mut env = constant(Up::PlusZ, [0.2; 3], 64);
+    let mut env = Environment::constant(Up::PlusZ, [0.2; 3], 64);
     let half = env.image.samples.len() / 2;
     env.image.samples[..half].fill(1.0);
     env.origin = Some(DVec3::new(-0.5, 0.4, 1.6));
@@ -165,7 +165,7 @@ fn lamps_light_the_ground_where_the_camera_sees_it() {
     let camera = rig(DVec3::new(0.0, -2.0, 1.2), DVec3::new(0.0, -0.3, 0.0), 24, 4.0);
     let added = |z: f32, objects: &[Arc<Placed>]| {
         let params = PathTrace { contact_metres: Some(0.05), ..params(128, Surroundings::OPEN) };
-        let env = constant(Up::PlusZ, [0.2; 3], 64);
+        let env = Environment::constant(Up::PlusZ, [0.2; 3], 64);
         let (out, _) = render(&params, &ground(z), objects, &camera, &env);
         // Only pixels that the object does not cover.
         let open = samples(&out.object).chunks(4).map(|pixel| pixel[3] == 0.0);

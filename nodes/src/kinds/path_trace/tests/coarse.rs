@@ -32,7 +32,7 @@ fn a_block_is_the_pixel_that_stands_for_it() {
         assert_eq!(looked_at(a), samples(b));
     }
     for (a, b) in [(&whole.without, &coarse.without), (&whole.with, &coarse.with)] {
-        let a = crate::math::num::ordered_sum(looked_at(a)) / samples(b).len() as f64;
+        let a = scene::math::num::ordered_sum(looked_at(a)) / samples(b).len() as f64;
         assert!((mean(b) / a - 1.0).abs() < 0.05, "{} for {a}", mean(b));
     }
     let alpha = |o: Vec<f32>| o.chunks(4).map(|o| o[3]).collect::<Vec<_>>();

@@ -1,8 +1,9 @@
 //! Tests of the cropping of tiles that are too far from the objects.
 
+use render::geometry::sampling::{hash, unit};
+use scene::types::Image;
+
 use super::*;
-use crate::geometry::sampling::{hash, unit};
-use crate::types::Image;
 
 /// A scene seen from far away.
 struct Afar {

@@ -1,15 +1,16 @@
 //! Tests of the number of columns that an environment needs.
 
+use render::light::env_resolution::EnvResolution;
+
 use super::*;
-use crate::light::env_resolution::EnvResolution;
 
 /// Blue sky over brown ground with a disc of light of the given width in degrees, at an elevation of 40
 /// degrees.
 fn lit(width: usize, disc_deg: f64) -> Environment {
-    let mut environment = constant(Up::PlusZ, [0.0; 3], width);
-    let (sin, cos) = crate::math::num::sin_cos_deg(40.0);
+    let mut environment = Environment::constant(Up::PlusZ, [0.0; 3], width);
+    let (sin, cos) = scene::math::num::sin_cos_deg(40.0);
     let towards = DVec3::new(0.5 * cos, 0.75_f64.sqrt() * cos, sin);
-    let edge = crate::math::num::sin_cos_deg(disc_deg / 2.0).1;
+    let edge = scene::math::num::sin_cos_deg(disc_deg / 2.0).1;
     for y in 0..width / 2 {
         for x in 0..width {
             let (u, v) = ((x as f64 + 0.5) / width as f64, (y as f64 + 0.5) / (width / 2) as f64);
@@ -28,7 +29,7 @@ fn lit(width: usize, disc_deg: f64) -> Environment {
 /// The environment at half the resolution. Each texel is the mean of four.
 fn halved(environment: &Environment) -> Environment {
     let (width, height) = (environment.image.width / 2, environment.image.height / 2);
-    let mut half = constant(environment.up, [0.0; 3], width);
+    let mut half = Environment::constant(environment.up, [0.0; 3], width);
     for y in 0..height {
         let sizes = [2 * y, 2 * y + 1].map(|row| equirect::pixel_solid_angle(2 * width, 2 * height, row));
         for x in 0..width {
@@ -62,8 +63,12 @@ fn smooth_surfaces_and_small_lights_ask_for_more() {
     let columns_of = |object| EnvResolution::of(&lit(512, 24.0), &[Arc::new(object)], 512).columns;
     assert_eq!(columns_of(spare), 128, "a mirror that no triangle has takes nothing");
     assert_eq!(
-        EnvResolution::of(&constant(Up::PlusZ, [1.0; 3], 512), &[ball(0.3, matte(0.5), DVec3::ZERO)], 512)
-            .columns,
+        EnvResolution::of(
+            &Environment::constant(Up::PlusZ, [1.0; 3], 512),
+            &[ball(0.3, matte(0.5), DVec3::ZERO)],
+            512
+        )
+        .columns,
         64
     );
 }

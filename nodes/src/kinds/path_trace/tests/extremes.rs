@@ -1,7 +1,7 @@
 //! Tests at the ends of the parameter ranges, which are listed in `docs/evidence/extremes.md`.
 
 use super::*;
-use crate::testing::row;
+use testing::row;
 
 // White furnace: a closed object in a white sky, with a receiver that lets light pass. Matte white and metal both
 // give 1.
@@ -219,7 +219,7 @@ fn a_million_samples_add_up() {
         let camera = rig(DVec3::new(0.0, 0.0, 1.0), DVec3::new(0.0, 1e-3, 0.0), 1, 50.0);
         mean(&render(&params(n, Surroundings::TRANSPARENT), receiver, &[], &camera, env).0.without)
     };
-    let tenth = constant(Up::PlusZ, [0.1; 3], 8);
+    let tenth = Environment::constant(Up::PlusZ, [0.1; 3], 8);
     let off = (one(&Mesh::default(), &tenth, MOST) / f64::from(0.1_f32) - 1.0).abs();
     row(47, "error of the mean of 2^20 equal samples, relative", off, 1e-6);
     // Half of the sky's light falls on a floor of albedo 1/2 under an even sky.
@@ -286,7 +286,7 @@ fn one_sample_reports_no_variance() {
     let reported = |n| {
         let (out, notes) = render(&params(n, Surroundings::OPEN), &plane, &objects, &rig, &sunny());
         let views = out.report.tables.iter().find(|table| table.name == "views").expect("is there");
-        let error = views.rows[0][2] == crate::types::Cell::Missing;
+        let error = views.rows[0][2] == scene::types::Cell::Missing;
         let noise = samples(&out.variance).iter().any(|v| *v != 0.0);
         (error, noise, notes.iter().any(|note| note.id == "no-variance"))
     };
@@ -299,9 +299,11 @@ fn extremes_stay_finite() {
     let (mut plane, objects, rig) = shadowed();
     plane.positions.push([f32::NAN, 0.0, 0.0]);
     plane.triangles.extend([[0, 1, 4], [0, 1, 1]]);
-    let mut hot = constant(Up::PlusZ, [1e-9; 3], 32);
+    let mut hot = Environment::constant(Up::PlusZ, [1e-9; 3], 32);
     hot.image.pixel_mut(3, 3).fill(1e9);
-    for env in [constant(Up::PlusZ, [0.0; 3], 8), hot, constant(Up::PlusZ, [1e-40; 3], 8)] {
+    for env in
+        [Environment::constant(Up::PlusZ, [0.0; 3], 8), hot, Environment::constant(Up::PlusZ, [1e-40; 3], 8)]
+    {
         let (out, notes) = render(&params(8, Surroundings::Auto), &plane, &objects, &rig, &env);
         for images in [&out.without, &out.with, &out.object, &out.variance, &out.normal] {
             assert!(samples(images).iter().all(|v| v.is_finite() && *v >= -1.0));

@@ -1,21 +1,22 @@
 //! Tests of light samples that a guide chooses.
 
+use render::geometry::bvh::Ray;
+use render::geometry::sampling::Points;
+use render::transport::bsdf::Matte;
+use render::transport::path::guide::{Guide, LEARNT_PATHS};
+use render::transport::path::integrator::Scene as Traced;
+use render::transport::path::visibility::Rules;
+use render::transport::picture::camera_rays::CameraRays;
+use render::transport::picture::film::{PAIR, R0};
+use render::transport::picture::pair::{PairTile, trace_pair};
+use render::transport::picture::r0::trace_r0;
+use render::transport::picture::tile::Tile;
+use render::transport::scene::block::Block;
+use render::transport::scene::objects::Objects;
+use render::transport::scene::receiver::Receiver;
+use render::transport::sky::environment::EnvironmentLight;
+
 use super::*;
-use crate::geometry::bvh::Ray;
-use crate::geometry::sampling::Points;
-use crate::render::transport::bsdf::Matte;
-use crate::render::transport::path::guide::{Guide, LEARNT_PATHS};
-use crate::render::transport::path::integrator::Scene as Traced;
-use crate::render::transport::path::visibility::Rules;
-use crate::render::transport::picture::camera_rays::CameraRays;
-use crate::render::transport::picture::film::{PAIR, R0};
-use crate::render::transport::picture::pair::{PairTile, trace_pair};
-use crate::render::transport::picture::r0::trace_r0;
-use crate::render::transport::picture::tile::Tile;
-use crate::render::transport::scene::block::Block;
-use crate::render::transport::scene::objects::Objects;
-use crate::render::transport::scene::receiver::Receiver;
-use crate::render::transport::sky::environment::EnvironmentLight;
 
 /// A room with a window of 1 by 1 m in the wall at y = 2, which the camera of `inside` faces, and a cupboard.
 fn window_room() -> Mesh {
@@ -115,7 +116,8 @@ fn compare(scene: Traced<'_>, seeds: u64) -> [(f64, f64); 2] {
 fn a_guide_changes_noise_and_no_mean() {
     let receiver = Receiver::new(&window_room(), DVec3::ZERO);
     let objects = Objects::new(None, &[], DVec3::ZERO).expect("no objects");
-    let skies = [sunny(), constant(Up::PlusZ, [1.0, 0.8, 0.6], 64)].map(|env| EnvironmentLight::new(&env));
+    let skies = [sunny(), Environment::constant(Up::PlusZ, [1.0, 0.8, 0.6], 64)]
+        .map(|env| EnvironmentLight::new(&env));
     for (sky, max_bounces) in [(&skies[0], 0), (&skies[0], 3), (&skies[1], 0), (&skies[1], 3)] {
         let rules = rules(max_bounces);
         let scene = Traced { receiver: &receiver, objects: &objects, sky, rules: &rules, light_points: None };
@@ -188,7 +190,7 @@ fn a_guided_shadow_is_exactly_dark() {
 fn guided_light_is_what_the_window_shows() {
     let receiver = Receiver::new(&window_room(), DVec3::ZERO);
     let objects = Objects::new(None, &[], DVec3::ZERO).expect("no objects");
-    let env = constant(Up::PlusZ, [1.0; 3], 64);
+    let env = Environment::constant(Up::PlusZ, [1.0; 3], 64);
     let sky = EnvironmentLight::new(&env);
     let rules = rules(0);
     let scene =

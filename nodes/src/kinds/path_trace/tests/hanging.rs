@@ -10,7 +10,7 @@ pub(super) fn rough_wall(noise: f32) -> Mesh {
         let [x, z] = [i % side, i / side].map(|k| k as f32 / 20.0 - 2.0);
         mesh.positions.push([
             x,
-            noise * (2.0 * crate::geometry::sampling::unit(crate::geometry::sampling::mix(i)) - 1.0),
+            noise * (2.0 * render::geometry::sampling::unit(render::geometry::sampling::mix(i)) - 1.0),
             z,
         ]);
     }

@@ -65,7 +65,7 @@ fn alpha_modes_cut_and_blend() {
         let (out, _) = render(&params(64, Surroundings::OPEN), &Mesh::default(), &object, &camera, &white());
         samples(&out.object).chunks(4).map(|p| f64::from(p[3])).sum::<f64>() / 64.0
     };
-    use crate::types::AlphaMode::{Blend, Mask, Opaque};
+    use scene::types::AlphaMode::{Blend, Mask, Opaque};
     assert_eq!([covers(Opaque, 0.25), covers(Mask(0.5), 0.25), covers(Mask(0.2), 0.25)], [1.0, 0.0, 1.0]);
     assert!((covers(Blend, 0.25) - 0.25).abs() < 0.03);
 }
@@ -73,7 +73,7 @@ fn alpha_modes_cut_and_blend() {
 // An emissive object lights the receiver.
 #[test]
 fn emission_reaches_the_receiver() {
-    let black = constant(Up::PlusZ, [0.0; 3], 16);
+    let black = Environment::constant(Up::PlusZ, [0.0; 3], 16);
     let lamp = Material { emissive: [5.0, 5.0, 5.0], ..matte(0.0) };
     let (plane, _, camera) = shadowed();
     let object = [ball(0.4, lamp, DVec3::new(0.0, 0.0, 0.8))];
@@ -209,7 +209,7 @@ fn nearest_is_what_shows_anywhere_in_a_pixel() {
     };
     let glimpse = Material {
         base_colour: [0.5, 0.5, 0.5, 0.3],
-        alpha_mode: crate::types::AlphaMode::Blend,
+        alpha_mode: scene::types::AlphaMode::Blend,
         ..matte(0.5)
     };
     let camera = rig(DVec3::new(0.0, -4.0, 2.0), DVec3::new(0.0, 0.0, 0.5), 32, 4.0);

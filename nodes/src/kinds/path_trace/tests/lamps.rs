@@ -1,8 +1,9 @@
 //! Tests of light that objects emit. This light is not in the panorama, so it is reflected between walls
 //! regardless of how the receiver treats the light of the environment.
 
+use scene::types::{ColourMap, DiffuseTransmission, Map};
+
 use super::*;
-use crate::types::{ColourMap, DiffuseTransmission, Map};
 
 fn square(v: f64) -> f64 {
     v * v
@@ -26,7 +27,7 @@ fn light_of_a_lamp_goes_from_wall_to_wall() {
     let walls = hollow(radius);
     let objects = [ball(lamp, shining(radiance), DVec3::ZERO)];
     let camera = rig(DVec3::new(0.9, 0.0, 0.0), DVec3::new(2.0, 0.3, 0.2), 12, 2.0);
-    let mut env = constant(Up::PlusZ, [0.01; 3], 64);
+    let mut env = Environment::constant(Up::PlusZ, [0.01; 3], 64);
     env.origin = Some(DVec3::new(0.0, 0.5, 0.3));
     let direct = f64::from(0.5 * radiance * (lamp / radius) * (lamp / radius));
     for (name, surroundings) in [
@@ -63,7 +64,7 @@ fn mean_over(eye: DVec3, size: u32, focal: f64, z: f64, of: impl Fn(DVec3) -> f6
         let way = pose.transform_vector3(DVec3::new(x, y, 1.0));
         of(eye + way * ((z - eye.z) / way.z))
     };
-    crate::math::num::ordered_sum((0..size * size).map(|i| place(i) as f32)) / f64::from(size * size)
+    scene::math::num::ordered_sum((0..size * size).map(|i| place(i) as f32)) / f64::from(size * size)
 }
 
 /// The light of a glowing ball of fine facets on a floor and on a table, near and far from the origin, has a closed
@@ -73,7 +74,7 @@ fn mean_over(eye: DVec3, size: u32, focal: f64, z: f64, of: impl Fn(DVec3) -> f6
 #[test]
 fn fine_lamps_shed_all_their_light() {
     let (radiance, height) = (5e4, 1.0);
-    let mut env = constant(Up::PlusZ, [1e-3; 3], 64);
+    let mut env = Environment::constant(Up::PlusZ, [1e-3; 3], 64);
     env.origin = Some(DVec3::new(0.0, 0.0, 0.5));
     for (radius, rings, away, surroundings) in [
         (0.02, 48, 2.0, Surroundings::Distant),
@@ -121,7 +122,7 @@ fn a_lamp_in_a_globe_lights_every_pixel() {
     let objects = [fine_ball(lamp, 48, shining(radiance), middle), fine_ball(globe, 48, paper, middle)];
     let (eye, focal) = (DVec3::new(0.0, -4.0, 3.0), 40.0);
     let camera = rig(eye, DVec3::ZERO, 24, focal);
-    let mut env = constant(Up::PlusZ, [1e-3; 3], 64);
+    let mut env = Environment::constant(Up::PlusZ, [1e-3; 3], 64);
     env.origin = Some(DVec3::new(0.0, 0.0, 0.5));
     // The black lamp absorbs this share of the light that the globe reflects.
     let taken = square((lamp / globe).into());
@@ -156,7 +157,7 @@ fn a_lamp_in_a_globe_lights_every_pixel_of_an_object() {
     let objects = [fine_ball(lamp, 48, shining(radiance), middle), fine_ball(globe, 48, paper, middle), card];
     let (eye, focal) = (DVec3::new(0.0, -4.0, 3.0), 40.0);
     let camera = rig(eye, DVec3::ZERO, 24, focal);
-    let env = constant(Up::PlusZ, [1e-3; 3], 64);
+    let env = Environment::constant(Up::PlusZ, [1e-3; 3], 64);
     let taken = square((lamp / globe).into());
     let outside = f64::from(radiance) * taken * 0.5 / (1.0 - 0.5 * (1.0 - taken));
     let expected = mean_over(eye, 24, focal, 0.0, |place| {
@@ -179,7 +180,7 @@ fn a_lamp_in_a_globe_lights_every_pixel_of_an_object() {
 /// not on the rest of the panel. An earlier version took no light samples on the lamp.
 #[test]
 fn a_small_lamp_of_a_picture_is_a_lamp() {
-    use crate::types::{Sampler, Texture, TextureRef, Wrap};
+    use scene::types::{Sampler, Texture, TextureRef, Wrap};
     // A lamp of 8 by 8 texels, and a lamp of a single texel in a texture whose mipmaps round it to black.
     for (side, [left, right], [top, bottom]) in
         [(256_u32, [152, 160], [88, 96]), (1024, [617, 618], [361, 362])]
@@ -209,7 +210,7 @@ fn a_small_lamp_of_a_picture_is_a_lamp() {
         let area = square(f64::from(right - left) / size);
         let (eye, focal) = (DVec3::new(0.0, -4.0, 3.0), 40.0);
         let camera = rig(eye, DVec3::ZERO, 16, focal);
-        let env = constant(Up::PlusZ, [1e-7; 3], 64);
+        let env = Environment::constant(Up::PlusZ, [1e-7; 3], 64);
         let (out, _) = render(&params(64, Surroundings::Auto), &plane(30.0), &objects, &camera, &env);
         let found = mean(&out.with) - mean(&out.without);
         let expected = mean_over(eye, 16, focal, 0.0, |place| {
@@ -232,7 +233,7 @@ fn what_lies_before_a_lamp_hides_it() {
     let eye = DVec3::new(0.0, -5.6, 4.2);
     let camera = rig(eye, DVec3::ZERO, 16, 40.0);
     let added = |objects: &[Arc<Placed>]| {
-        let env = constant(Up::PlusZ, [1e-3; 3], 64);
+        let env = Environment::constant(Up::PlusZ, [1e-3; 3], 64);
         let (out, _) = render(&params(16, Surroundings::Auto), &plane(30.0), objects, &camera, &env);
         mean(&out.with) - mean(&out.without)
     };
@@ -349,7 +350,7 @@ fn the_limit_spares_direct_light_of_lamps() {
     let shines = Material { emissive: [40.0; 3], ..matte(0.0) };
     let tube = [placed(&box_mesh([-0.4, -0.01, 0.03], [0.4, 0.01, 0.05], false), shines, DVec3::ZERO)];
     let camera = rig(DVec3::new(0.0, -0.6, 0.5), DVec3::ZERO, 24, 2.0);
-    let dark = constant(Up::PlusZ, [1e-3; 3], 16);
+    let dark = Environment::constant(Up::PlusZ, [1e-3; 3], 16);
     let lit = |clamp_indirect: f64| {
         let how = PathTrace { clamp_indirect, max_bounces: 0, ..params(64, Surroundings::OPEN) };
         mean(&render(&how, &plane(4.0), &tube, &camera, &dark).0.with)

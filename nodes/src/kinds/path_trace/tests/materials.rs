@@ -1,9 +1,10 @@
 //! Tests of materials in whole renders: light transmitted by objects, and their shadows.
 
+use render::transport::bsdf::{BsdfParams, straight};
+use render::transport::sky::environment::EnvironmentLight;
+use scene::types::{AlphaMode, Map};
+
 use super::*;
-use crate::render::transport::bsdf::{BsdfParams, straight};
-use crate::render::transport::sky::environment::EnvironmentLight;
-use crate::types::{AlphaMode, Map};
 
 pub(super) fn clear(base: f32, volume: Option<[f32; 3]>, ior: f32) -> Material {
     Material {
@@ -22,7 +23,7 @@ pub(super) fn clear(base: f32, volume: Option<[f32; 3]>, ior: f32) -> Material {
 // not.
 #[test]
 fn layers_of_no_strength_cost_nothing() {
-    use crate::types::{Anisotropy, Clearcoat, ColourMap, DiffuseTransmission, Iridescence, Sheen};
+    use scene::types::{Anisotropy, Clearcoat, ColourMap, DiffuseTransmission, Iridescence, Sheen};
     let (plane, _, rig) = shadowed();
     let go = |material: &Material, exhaustive| {
         let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7, exhaustive };
@@ -64,7 +65,7 @@ pub(super) fn over_cosines(f: impl Fn(f32) -> f32) -> f64 {
 // light of its squares. At close range it is black and white.
 #[test]
 fn textures_are_filtered_where_they_are_small() {
-    use crate::types::{Sampler, Texture, TextureRef, Wrap};
+    use scene::types::{Sampler, Texture, TextureRef, Wrap};
     let side = 256_u32;
     let square = |i: u32| if (i % side + i / side).is_multiple_of(2) { [255; 4] } else { [0, 0, 0, 255] };
     let texture = Texture { width: side, height: side, rgba: (0..side * side).flat_map(square).collect() };
@@ -138,7 +139,7 @@ fn shadow_of_a_pane_is_what_it_lets_through() {
 // shadow follows from the oblique paths through it.
 #[test]
 fn bodies_absorb_along_the_way() {
-    let half = crate::math::num::f32::ln(2.0);
+    let half = scene::math::num::f32::ln(2.0);
     let slab = box_mesh([-200.0, -200.0, 0.5], [200.0, 200.0, 1.5], false);
     let object = placed(&slab, clear(1.0, Some([half, half, 0.0]), 1.0), DVec3::ZERO);
     let above = rig(DVec3::new(0.0, 0.0, 9.0), DVec3::new(0.0, 0.001, 0.0), 4, 40.0);
@@ -152,7 +153,7 @@ fn bodies_absorb_along_the_way() {
     let p = params(64, Surroundings::TRANSPARENT);
     let (out, _) = render(&p, &plane(200.0), &[object], &floor, &white());
     let [r, b] = [0, 2].map(|k| samples(&out.with).iter().skip(k).step_by(3).sum::<f32>() / 64.0);
-    let expected = 0.5 * over_cosines(|c| crate::math::num::f32::exp(-half / c));
+    let expected = 0.5 * over_cosines(|c| scene::math::num::f32::exp(-half / c));
     assert!(
         (f64::from(r) / expected - 1.0).abs() < 0.02 && (b / 0.5 - 1.0).abs() < 0.01,
         "{r} {b}, {expected}"
@@ -164,7 +165,7 @@ fn bodies_absorb_along_the_way() {
 fn unlit_surfaces_show_their_colour() {
     let camera = rig(DVec3::new(0.0, -3.0, 0.0), DVec3::ZERO, 8, 1.5);
     let material = Material { unlit: true, ..matte(0.3) };
-    for env in [white(), constant(Up::PlusZ, [0.0; 3], 8)] {
+    for env in [white(), Environment::constant(Up::PlusZ, [0.0; 3], 8)] {
         let object = [ball(0.8, material.clone(), DVec3::ZERO)];
         let (out, _) = render(&params(4, Surroundings::OPEN), &Mesh::default(), &object, &camera, &env);
         assert!((covered(&out.object) - 0.3).abs() < 1e-6);
@@ -175,7 +176,7 @@ fn unlit_surfaces_show_their_colour() {
 // samples is small.
 #[test]
 fn lamps_light_what_is_around_them() {
-    let black = constant(Up::PlusZ, [0.0; 3], 8);
+    let black = Environment::constant(Up::PlusZ, [0.0; 3], 8);
     let lamp = Material { emissive: [7.0, 7.0, 7.0], ..matte(0.0) };
     let (radius, height) = (0.1, 1.0);
     let object = ball(radius, lamp, DVec3::new(0.0, 0.0, height));
@@ -221,7 +222,7 @@ fn paths_that_are_too_long_are_reported() {
 /// the texture coordinates.
 #[test]
 fn green_of_a_normal_map_points_up_the_picture() {
-    use crate::types::{NormalMap, Sampler, Texture, TextureRef, Wrap};
+    use scene::types::{NormalMap, Sampler, Texture, TextureRef, Wrap};
     let rgba: Vec<u8> = vec![176, 210, 200, 255];
     let bent = Vec3::new(f32::from(rgba[0]), f32::from(rgba[1]), f32::from(rgba[2])) * (2.0 / 255.0) - 1.0;
     let card = plane(0.5);
@@ -239,7 +240,7 @@ fn green_of_a_normal_map_points_up_the_picture() {
             ..Primitive::default()
         };
         if made {
-            crate::io::gltf::object::tangents::generate(&mut primitive, false);
+            scene::io::gltf::object::tangents::generate(&mut primitive, false);
         }
         let material = Material { normal: map, ..matte(0.8) };
         let textures = vec![Texture { width: 1, height: 1, rgba: rgba.clone() }];
@@ -264,14 +265,14 @@ fn green_of_a_normal_map_points_up_the_picture() {
 /// the emission casts on a floor is attenuated in the same way.
 #[test]
 fn a_clear_coat_dims_what_shines_under_it() {
-    let coat = crate::types::Clearcoat { strength: Map::of(1.0), roughness: Map::of(0.0), normal: None };
+    let coat = scene::types::Clearcoat { strength: Map::of(1.0), roughness: Map::of(0.0), normal: None };
     let lamp = |coated: bool| {
         let shining = Material { emissive: [1.0; 3], ..matte(0.0) };
         if coated { Material { clearcoat: coat, ..shining } } else { shining }
     };
-    let black = constant(Up::PlusZ, [0.0; 3], 8);
+    let black = Environment::constant(Up::PlusZ, [0.0; 3], 8);
     for (degrees, left) in [(0.0, 0.96), (75.0, 0.747)] {
-        let (sin, cos) = crate::math::num::sin_cos(f64::to_radians(degrees));
+        let (sin, cos) = scene::math::num::sin_cos(f64::to_radians(degrees));
         let camera = rig(DVec3::new(5.0 * sin, 0.001, 5.0 * cos), DVec3::ZERO, 4, 60.0);
         let panel = [placed(&plane(2.0), lamp(true), DVec3::ZERO)];
         let (out, _) = render(&params(4, Surroundings::OPEN), &Mesh::default(), &panel, &camera, &black);
@@ -292,10 +293,10 @@ fn a_clear_coat_dims_what_shines_under_it() {
 /// fails if `is_narrow` is always false.
 #[test]
 fn mirrors_show_no_texels() {
-    let mut env = constant(Up::PlusZ, [0.0; 3], 16);
+    let mut env = Environment::constant(Up::PlusZ, [0.0; 3], 16);
     let texels = env.image.samples.iter_mut().enumerate();
     texels.for_each(|(i, v)| {
-        *v = 0.2 + crate::geometry::sampling::unit(crate::geometry::sampling::mix(i as u32));
+        *v = 0.2 + render::geometry::sampling::unit(render::geometry::sampling::mix(i as u32));
     });
     let sky = EnvironmentLight::new(&env);
     let mirror = Material { metallic: 1.0, roughness: 0.0, ..matte(1.0) };
@@ -317,7 +318,7 @@ fn mirrors_show_no_texels() {
 #[test]
 fn a_lobe_as_narrow_as_a_texel_counts_a_sun_once() {
     let of_width = |times: usize| {
-        let mut env = constant(Up::PlusZ, [0.01; 3], 32 * times);
+        let mut env = Environment::constant(Up::PlusZ, [0.01; 3], 32 * times);
         for (i, v) in env.image.samples.chunks_exact_mut(3).enumerate() {
             let (x, y) = (i % (32 * times) / times, i / (32 * times) / times);
             if (x, y) == (3, 6) {
@@ -350,13 +351,13 @@ fn a_lobe_as_narrow_as_a_texel_counts_a_sun_once() {
 /// triangles. This test fails if `Frame::around(matte_normal)` is replaced by `frame`.
 #[test]
 fn bent_normals_of_matte_surfaces_do_not_turn_with_the_viewer() {
-    let mut env = constant(Up::PlusZ, [0.1; 3], 64);
+    let mut env = Environment::constant(Up::PlusZ, [0.1; 3], 64);
     let (width, height) = (64, 32);
     for x in 14..18 {
         env.image.pixel_mut(x, 8).fill(100.0);
     }
     for tilt in [20.0_f64, 40.0, 60.0] {
-        let (sin, cos) = crate::math::num::sin_cos(tilt.to_radians());
+        let (sin, cos) = scene::math::num::sin_cos(tilt.to_radians());
         let normal = DVec3::new(sin, 0.0, cos);
         let mut object = Object::clone(&placed(&plane(1.0), matte(0.5), DVec3::ZERO).object);
         object.primitives[0].normals = vec![normal.as_vec3().to_array(); 4];
@@ -370,7 +371,7 @@ fn bent_normals_of_matte_surfaces_do_not_turn_with_the_viewer() {
         };
         let expected = 0.5 / std::f64::consts::PI * (0..width * height).map(texel).sum::<f64>();
         for view in [0.01_f64, 45.0, 75.0] {
-            let (sin, cos) = crate::math::num::sin_cos(view.to_radians());
+            let (sin, cos) = scene::math::num::sin_cos(view.to_radians());
             let camera = rig(DVec3::new(-4.0 * sin, 0.0, 4.0 * cos), DVec3::ZERO, 8, 40.0);
             let p = PathTrace { max_bounces: 0, ..params(64, Surroundings::TRANSPARENT) };
             let (out, _) = render(&p, &Mesh::default(), &card, &camera, &env);
@@ -410,7 +411,7 @@ fn blended_surfaces_are_smooth() {
         assert!((mean - cover).abs() < 0.01 && deviation < 0.04, "{alphas:?}: {mean} +- {deviation}");
     }
     let aside = rig(DVec3::new(0.0, -4.0, 0.4), DVec3::ZERO, 16, 60.0);
-    let mut sun = constant(Up::PlusZ, [0.0; 3], 64);
+    let mut sun = Environment::constant(Up::PlusZ, [0.0; 3], 64);
     sun.image.samples[..64 * 3].fill(100.0);
     let (out, _) = render(&p, &plane(3.0), &[sheet(0.5, 0.5)], &aside, &sun);
     let ratios = samples(&out.with).chunks(3).zip(samples(&out.without).chunks(3));

@@ -1,16 +1,17 @@
 //! Tests of light through bodies (nested, filled, standing on the receiver and in it) against closed forms.
 
+use render::geometry::sampling::{Points, hash, stream};
+use render::transport::bsdf::{Bsdf, Lobe};
+use render::transport::path::integrator::{Integrator, Pass, Scene as Traced};
+use render::transport::scene::objects::Objects;
+use render::transport::scene::receiver::Receiver;
+use render::transport::scene::surface::Surface;
+use render::transport::sky::environment::EnvironmentLight;
+use scene::math::num::f32::{exp, ln};
+
 use super::materials::{clear, over_cosines};
 use super::samplers::matte_rules;
 use super::*;
-use crate::geometry::sampling::{Points, hash, stream};
-use crate::math::num::f32::{exp, ln};
-use crate::render::transport::bsdf::{Bsdf, Lobe};
-use crate::render::transport::path::integrator::{Integrator, Pass, Scene as Traced};
-use crate::render::transport::scene::objects::Objects;
-use crate::render::transport::scene::receiver::Receiver;
-use crate::render::transport::scene::surface::Surface;
-use crate::render::transport::sky::environment::EnvironmentLight;
 
 /// Material that absorbs half of the red light per metre and no blue light.
 fn tinted(ior: f32) -> Material {
@@ -26,7 +27,7 @@ fn slab(low: f32, high: f32, size: f32, material: Material) -> Arc<Placed> {
 fn red_and_blue(images: &Images, channels: usize) -> [f64; 2] {
     let of = |k: usize| {
         let values = samples(images).iter().skip(k).step_by(channels);
-        crate::math::num::ordered_sum(values.copied()) / (samples(images).len() / channels) as f64
+        scene::math::num::ordered_sum(values.copied()) / (samples(images).len() / channels) as f64
     };
     [of(0), of(2)]
 }
@@ -44,7 +45,7 @@ fn above(focal: f64) -> Arc<Rig> {
 // its light on a floor outside the body passes through the same medium.
 #[test]
 fn what_stands_in_a_body_is_dimmed_by_it() {
-    let black = constant(Up::PlusZ, [0.0; 3], 8);
+    let black = Environment::constant(Up::PlusZ, [0.0; 3], 8);
     let body = slab(0.5, 1.5, 200.0, tinted(1.0));
     let sheet = box_mesh([-200.0, -200.0, 1.0], [200.0, 200.0, 1.0], false);
     let sheet = Mesh { triangles: sheet.triangles[0..2].to_vec(), ..sheet };
@@ -233,7 +234,7 @@ fn estimate(n: u32, value: impl Fn(u32) -> Vec3) -> [DVec3; 2] {
 #[test]
 fn light_samples_and_scattered_rays_agree_through_bodies() {
     let wall = Material { base_colour: [0.9, 0.6, 0.3, 1.0], ..clear(1.0, None, 1.5) };
-    let mut veil = Material { alpha_mode: crate::types::AlphaMode::Blend, ..matte(0.5) };
+    let mut veil = Material { alpha_mode: scene::types::AlphaMode::Blend, ..matte(0.5) };
     veil.base_colour[3] = 0.4;
     let (receiver, sky, rules) =
         (Receiver::new(&plane(4.0), DVec3::ZERO), EnvironmentLight::new(&sunny()), matte_rules());

@@ -1,15 +1,15 @@
 //! Tests of the receiver as a light source, with the radiance that the panorama shows.
 
 use super::*;
-use crate::geometry::bvh::Ray;
-use crate::geometry::sampling::{Points, stream};
-use crate::math::equirect;
-use crate::render::transport::path::light_points::LightPoints;
-use crate::render::transport::path::near_draws::NearDraws;
-use crate::render::transport::path::near_field::NearFieldLight;
-use crate::render::transport::scene::receiver::Receiver;
-use crate::render::transport::sky::environment::EnvironmentLight;
-use crate::testing::{SphereBins, chi_square};
+use render::geometry::bvh::Ray;
+use render::geometry::sampling::{Points, stream};
+use render::transport::path::light_points::LightPoints;
+use render::transport::path::near_draws::NearDraws;
+use render::transport::path::near_field::NearFieldLight;
+use render::transport::scene::receiver::Receiver;
+use render::transport::sky::environment::EnvironmentLight;
+use scene::math::equirect;
+use testing::{SphereBins, chi_square};
 
 /// Point of capture of the panoramas below.
 const EYE: DVec3 = DVec3::new(-0.9, -0.7, 1.1);
@@ -18,7 +18,7 @@ const LAMP: [[f64; 2]; 2] = [[0.2, 1.2], [1.5, 2.3]];
 
 /// Panorama at [`EYE`] in a black room with the lamp, of radiance 10. Each texel is the mean of many points.
 fn lamplight(width: usize) -> Environment {
-    let mut env = constant(Up::PlusZ, [0.0; 3], width);
+    let mut env = Environment::constant(Up::PlusZ, [0.0; 3], width);
     let sub = 8;
     for y in 0..width / 2 {
         for x in 0..width {
@@ -47,7 +47,7 @@ fn lambert(point: DVec3, normal: DVec3) -> f64 {
     let sum: f64 = (0..4)
         .map(|k| {
             let (a, b) = (corners[k], corners[(k + 1) % 4]);
-            f64::from(crate::math::num::f32::acos(a.dot(b) as f32)) * a.cross(b).normalize().dot(normal)
+            f64::from(scene::math::num::f32::acos(a.dot(b) as f32)) * a.cross(b).normalize().dot(normal)
         })
         .sum();
     5.0 * sum.abs()
@@ -131,10 +131,10 @@ fn auto_is_near_where_the_receiver_is_what_the_panorama_shows() {
 /// out the density of directions that show the sky from both points.
 #[test]
 fn light_samples_follow_their_density() {
-    let mut env = constant(Up::PlusZ, [0.0; 3], 16);
+    let mut env = Environment::constant(Up::PlusZ, [0.0; 3], 16);
     // The environment has no edges that the integral would miss.
     for (i, v) in env.image.samples.iter_mut().enumerate() {
-        *v = 1.0 + 0.3 * crate::geometry::sampling::unit(crate::geometry::sampling::mix(i as u32 / 3));
+        *v = 1.0 + 0.3 * render::geometry::sampling::unit(render::geometry::sampling::mix(i as u32 / 3));
     }
     let sky = EnvironmentLight::new(&env);
     let cupboard = box_mesh([-0.6, 0.8, 0.0], [0.9, 1.5, 1.7], false);
@@ -233,7 +233,8 @@ fn the_sun_through_a_window_lights_its_patch() {
         walls = merge(walls, strip(y, z));
     }
     // A sun 30 degrees up over +x, seen from the point of capture through the window.
-    let (mut env, sun) = (constant(Up::PlusZ, [0.0; 3], 256), DVec3::new(0.866, 0.2, 0.5).normalize());
+    let (mut env, sun) =
+        (Environment::constant(Up::PlusZ, [0.0; 3], 256), DVec3::new(0.866, 0.2, 0.5).normalize());
     let (u, v) = equirect::uv(Up::PlusZ, sun);
     let texel = ((u * 256.0) as usize, (v * 128.0) as usize);
     env.image.pixel_mut(texel.0, texel.1).fill(1000.0);
@@ -254,10 +255,10 @@ fn the_sun_through_a_window_lights_its_patch() {
 #[test]
 fn a_near_light_that_is_far_shines_through_bodies_as_a_far_one() {
     let hall = box_mesh([-400.0, -400.0, 0.0], [400.0, 400.0, 800.0], true);
-    let mut env = constant(Up::PlusZ, [0.0; 3], 16);
+    let mut env = Environment::constant(Up::PlusZ, [0.0; 3], 16);
     // The sky is dark up to the horizon, also when interpolated between texel centres, because the ground is near.
     for (i, v) in env.image.samples[..16 * 3 * 3].iter_mut().enumerate() {
-        *v = 0.5 + crate::geometry::sampling::unit(crate::geometry::sampling::mix(i as u32));
+        *v = 0.5 + render::geometry::sampling::unit(render::geometry::sampling::mix(i as u32));
     }
     env.origin = Some(DVec3::new(0.1, 0.2, 1.0));
     let tinted = |ior| materials::clear(1.0, Some([0.9, 0.3, 0.0]), ior);

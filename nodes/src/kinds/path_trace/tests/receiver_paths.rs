@@ -1,25 +1,25 @@
 //! Tests of paths that are traced many at once, or only to find out whether they touch an object.
 
 use super::*;
-use crate::geometry::bvh::{Hit, Ray};
-use crate::geometry::sampling::{Points, hash, stream};
-use crate::render::transport::path::change::ChangeSampling;
-use crate::render::transport::path::integrator::{Integrator, Pass, Scene as Traced};
-use crate::render::transport::path::light_points::LightPoints;
-use crate::render::transport::path::path::{Vertex, first_pair};
-use crate::render::transport::path::receiver_paths::{ReceiverPaths, TOGETHER};
-use crate::render::transport::path::visibility::Rules;
-use crate::render::transport::picture::camera_rays::CameraRays;
-use crate::render::transport::picture::film::{Area, TILE, TileSums};
-use crate::render::transport::picture::pair::{PairTile, trace_pair};
-use crate::render::transport::picture::r0::trace_r0;
-use crate::render::transport::picture::tile::Tile;
-use crate::render::transport::scene::block::{Block, EVERYWHERE};
-use crate::render::transport::scene::objects::Objects;
-use crate::render::transport::scene::receiver::Receiver;
-use crate::render::transport::sky::environment::EnvironmentLight;
-use crate::render::transport::sky::light_draws::LightDraws;
-use crate::testing::direction;
+use render::geometry::bvh::{Hit, Ray};
+use render::geometry::sampling::{Points, hash, stream};
+use render::transport::path::change::ChangeSampling;
+use render::transport::path::integrator::{Integrator, Pass, Scene as Traced};
+use render::transport::path::light_points::LightPoints;
+use render::transport::path::path::{Vertex, first_pair};
+use render::transport::path::receiver_paths::{ReceiverPaths, TOGETHER};
+use render::transport::path::visibility::Rules;
+use render::transport::picture::camera_rays::CameraRays;
+use render::transport::picture::film::{Area, TILE, TileSums};
+use render::transport::picture::pair::{PairTile, trace_pair};
+use render::transport::picture::r0::trace_r0;
+use render::transport::picture::tile::Tile;
+use render::transport::scene::block::{Block, EVERYWHERE};
+use render::transport::scene::objects::Objects;
+use render::transport::scene::receiver::Receiver;
+use render::transport::sky::environment::EnvironmentLight;
+use render::transport::sky::light_draws::LightDraws;
+use testing::direction;
 
 /// Point of capture.
 const EYE: Vec3 = Vec3::new(-0.9, -0.7, 1.1);

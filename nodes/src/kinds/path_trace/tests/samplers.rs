@@ -2,17 +2,17 @@
 //! Samplers of directions and points have chi-square tests in their own files.
 
 use super::*;
-use crate::geometry::bvh::Ray;
-use crate::geometry::sampling::{Points, hash, stream};
-use crate::render::transport::path::integrator::{Integrator, Pass, Scene as Traced};
-use crate::render::transport::path::visibility::Rules;
-use crate::render::transport::picture::camera_rays::CameraRays;
-use crate::render::transport::scene::block::Block;
-use crate::render::transport::scene::objects::Objects;
-use crate::render::transport::scene::receiver::Receiver;
-use crate::render::transport::scene::supports::Ground;
-use crate::render::transport::sky::environment::EnvironmentLight;
-use crate::testing::chi_square;
+use render::geometry::bvh::Ray;
+use render::geometry::sampling::{Points, hash, stream};
+use render::transport::path::integrator::{Integrator, Pass, Scene as Traced};
+use render::transport::path::visibility::Rules;
+use render::transport::picture::camera_rays::CameraRays;
+use render::transport::scene::block::Block;
+use render::transport::scene::objects::Objects;
+use render::transport::scene::receiver::Receiver;
+use render::transport::scene::supports::Ground;
+use render::transport::sky::environment::EnvironmentLight;
+use testing::chi_square;
 
 /// Rules for a receiver that lets the sky through and emits no light.
 pub(super) fn matte_rules() -> Rules {
@@ -96,7 +96,7 @@ fn surfaces_are_met_as_often_as_they_hide() {
         Objects::new(None, &[placed(&plane(1.0), material, DVec3::ZERO)], DVec3::ZERO).expect("one")
     };
     for alpha in [0.02_f32, 0.3, 0.9] {
-        let mut material = Material { alpha_mode: crate::types::AlphaMode::Blend, ..matte(0.5) };
+        let mut material = Material { alpha_mode: scene::types::AlphaMode::Blend, ..matte(0.5) };
         material.base_colour[3] = alpha;
         let objects = of(material);
         let met = |i| objects.bvh.any(ray, |hit| objects.accepts(hit, key(i), false));

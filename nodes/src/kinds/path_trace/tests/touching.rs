@@ -1,10 +1,11 @@
 //! Tests of objects that coincide with the receiver: coverage, shadow and transmission are the same as a
 //! millimetre above it.
 
+use scene::types::{AlphaMode, ColourMap, DiffuseTransmission, Map};
+
 use super::hanging::rough_wall;
 use super::materials::clear;
 use super::*;
-use crate::types::{AlphaMode, ColourMap, DiffuseTransmission, Map};
 
 /// Tolerances for the four values that [`looks`] returns: coverage, light, ratio under the object, and ratio over
 /// the whole picture.
@@ -264,7 +265,7 @@ fn a_plate_on_a_coaster_keeps_its_shadow() {
             mesh.positions.push([
                 x,
                 y,
-                noise * (2.0 * crate::geometry::sampling::unit(crate::geometry::sampling::mix(i)) - 1.0),
+                noise * (2.0 * render::geometry::sampling::unit(render::geometry::sampling::mix(i)) - 1.0),
             ]);
         }
         for i in (0..side * (side - 1)).filter(|i| i % side + 1 < side) {

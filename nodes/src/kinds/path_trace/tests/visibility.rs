@@ -19,7 +19,7 @@ fn darkness_is_reported() {
         let (_, notes) = render(&params(1, block), mesh, &[], &inside(), env);
         notes.iter().find(|note| note.id == "no-light").map(|note| note.text.clone()).unwrap_or_default()
     };
-    let black = constant(Up::PlusZ, [0.0; 3], 8);
+    let black = Environment::constant(Up::PlusZ, [0.0; 3], 8);
     assert!(reported(&room(), Surroundings::OPEN, &white()).contains("the mesh blocks all light"));
     assert!(reported(&room(), Surroundings::TRANSPARENT, &black).contains("the environment is black"));
     assert_eq!(reported(&room(), Surroundings::TRANSPARENT, &white()), "");
@@ -121,7 +121,7 @@ fn a_slab_takes_its_form_factor_from_the_floor() {
         let point = DVec3::new(x, y, 0.0);
         let form = (0..4).map(|k| {
             let [a, b] = [corners[k], corners[(k + 1) % 4]].map(|corner| (corner - point).normalize());
-            crate::math::num::f64::acos(a.dot(b)) * a.cross(b).normalize().z
+            scene::math::num::f64::acos(a.dot(b)) * a.cross(b).normalize().z
         });
         let form = form.sum::<f64>().abs() / std::f64::consts::TAU;
         let camera = rig(point + DVec3::Z * 0.5, point + DVec3::new(0.0, 1e-6, 0.0), 4, 40.0);
@@ -185,9 +185,9 @@ fn auto_finds_out_what_the_receiver_is() {
 fn a_window_does_not_take_the_light_of_the_lamp() {
     let mut holed = room();
     holed.triangles.remove(10);
-    let mut evening = constant(Up::PlusZ, [0.08; 3], 64);
+    let mut evening = Environment::constant(Up::PlusZ, [0.08; 3], 64);
     evening.image.samples[..3 * 64 * 4].fill(9.0);
-    let mut day = constant(Up::PlusZ, [0.05; 3], 64);
+    let mut day = Environment::constant(Up::PlusZ, [0.05; 3], 64);
     for i in 0..64 * 32 {
         let (x, y) = (i % 64, i / 64);
         let [u, v] = [(x as f64 + 0.5) / 64.0, (y as f64 + 0.5) / 32.0];
@@ -238,7 +238,7 @@ fn the_order_of_cameras_changes_no_light() {
     let seen = |rig: &Arc<Rig>, which: usize| {
         let (out, _) = render(&params(16, Surroundings::Auto), &room(), &[], rig, &white());
         let picture = out.without.0[which].picture.samples().to_vec();
-        crate::math::num::ordered_sum(picture.iter().copied()) / picture.len() as f64
+        scene::math::num::ordered_sum(picture.iter().copied()) / picture.len() as f64
     };
     let (first, last) = (seen(&pair([&within, &over]), 0), seen(&pair([&over, &within]), 1));
     assert!(first > 0.4 && (first / last - 1.0).abs() < 1e-3, "{first} {last}");

@@ -1,10 +1,10 @@
 //! Stand-in for builds without a tensor library. Every call returns an error that names the missing feature.
 
 use engine::{Context, NodeError, Notes, SourceFile, SourceRoot};
+use render::light::energy_table::EnergyTable;
+use render::light::linear::LinearPixels;
 
 use super::{Kontext, WHERE};
-use crate::light::energy_table::EnergyTable;
-use crate::light::linear::LinearPixels;
 
 impl Kontext<'_> {
     pub(in super::super) fn check(&self) -> Result<(), NodeError> {

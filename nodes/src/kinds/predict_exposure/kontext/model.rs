@@ -2,14 +2,14 @@
 
 use engine::{Context, NodeError, Notes, SourceFile, SourceRoot};
 use learned::flux::{DType, Error, Files, Kontext as Model, Settings, Watch};
+use render::light::energy_table::EnergyTable;
+use render::light::linear::LinearPixels;
+use scene::math::color::{linear_from_srgb, luminance};
+use scene::math::num;
 
 use super::super::photographs::report_still;
 use super::picture::{STOPS, gains, shrunk};
 use super::{Kontext, WHERE};
-use crate::light::energy_table::EnergyTable;
-use crate::light::linear::LinearPixels;
-use crate::math::color::{linear_from_srgb, luminance};
-use crate::math::num;
 
 /// Maximum number of passes. Eight passes of three stops lead from EV 0 to EV -24, the darkest exposure that can be
 /// requested.

@@ -1,8 +1,8 @@
 //! Conversion of a panorama to the input of the model, and of its output to a gain.
 
-use crate::light::exposure::{Shown, measured};
-use crate::light::linear::LinearPixels;
-use crate::math::color::{linear_from_srgb, srgb_from_linear};
+use render::light::exposure::{Shown, measured};
+use render::light::linear::LinearPixels;
+use scene::math::color::{linear_from_srgb, srgb_from_linear};
 
 /// Number of stops by which one pass darkens a panorama.
 pub const STOPS: f64 = 3.0;
@@ -55,7 +55,7 @@ pub fn gains(base: &[f32], exposures: &[Vec<f32>]) -> Vec<(f32, bool)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::num;
+    use scene::math::num;
 
     #[test]
     fn shrinking_keeps_the_mean_of_light() {

@@ -27,7 +27,7 @@ impl Fields {
         let mut sums = Vec::with_capacity(2 * width + 2);
         for (y, row) in out.values.chunks_exact_mut(width).enumerate() {
             let (sine, _) =
-                crate::math::num::sin_cos(std::f64::consts::PI * (y as f64 + 0.5) / height as f64);
+                scene::math::num::sin_cos(std::f64::consts::PI * (y as f64 + 0.5) / height as f64);
             let reach = ((radius as f64 / sine).round() as usize).min((width - 1) / 2);
             let source = &self.values[y * width..][..width];
             running_sums(&mut sums, (0..width + 2 * reach).map(|x| source[(x + width - reach) % width]));

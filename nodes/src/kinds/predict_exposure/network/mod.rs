@@ -1,26 +1,26 @@
 //! Learned prediction: the amount and distribution of light hidden by clipping.
 
 mod blur;
+mod features;
 mod net;
 mod overview;
 mod rings;
-mod scene;
 
 use engine::{Context, NodeError};
+use render::light::energy_table::EnergyTable;
+use render::light::measure::luminance;
+use scene::error::Error;
+use scene::math::num;
+use scene::types::{Data, Image};
 
 use super::clipped::{Clipped, RegionLight};
 use super::spread::Spread;
 use super::sun;
-use crate::error::Error;
-use crate::light::energy_table::EnergyTable;
-use crate::light::measure::luminance;
-use crate::math::num;
-use crate::types::{Data, Image};
 
+pub(super) use self::features::{CELL, COLOUR, OVERVIEW, Scene};
 pub(super) use self::net::Network;
 #[cfg(feature = "learned")]
 pub(super) use self::net::{AMOUNT, HUE, LIMITS};
-pub(super) use self::scene::{CELL, COLOUR, OVERVIEW, Scene};
 
 /// Built-in weights: safetensors in f16, made by `train-exposure` as described in docs/light.md.
 pub(super) const WEIGHTS: &[u8] = include_bytes!("../../../../weights/exposure.safetensors");

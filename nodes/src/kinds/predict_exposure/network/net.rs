@@ -1,10 +1,10 @@
 //! Forward pass of the exposure networks. Every sum has a fixed order, so the result has the same bits on
 //! every machine.
 
-use crate::error::Error;
-use crate::light::measure::luminance;
-use crate::math::nn::Weights;
-use crate::math::num;
+use render::light::measure::luminance;
+use scene::error::Error;
+use scene::math::nn::Weights;
+use scene::math::num;
 
 /// Slope of the activation (leaky ReLU) below 0.
 const LEAK: f32 = 0.1;
@@ -267,7 +267,7 @@ mod tests {
         let mut numbers = |[means, spreads]: &[Vec<f64>; 2]| -> Vec<f32> {
             let number = |(mean, spread): (&f64, &f64)| {
                 state += 1;
-                let [at, _] = crate::geometry::sampling::Points::new(3, state).bits(0);
+                let [at, _] = render::geometry::sampling::Points::new(3, state).bits(0);
                 (mean + spread * 10.0 * (f64::from(at) / 4_294_967_296.0 - 0.5)) as f32
             };
             means.iter().zip(spreads).map(number).collect()

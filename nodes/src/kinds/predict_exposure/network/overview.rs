@@ -5,11 +5,11 @@
 //! with the light from the opposite side.
 
 use glam::DVec3;
+use render::light::regions;
+use scene::math::equirect::axes;
+use scene::math::num;
 
-use super::scene::{GridQuantities, OVERVIEW, WHITE, log2};
-use crate::light::regions;
-use crate::math::equirect::axes;
-use crate::math::num;
+use super::features::{GridQuantities, OVERVIEW, WHITE, log2};
 
 /// Lower bound for shares, brightnesses and solid angles (in steradians). Smaller values are raised to it.
 const LEAST: f64 = 1e-4;
@@ -178,7 +178,7 @@ impl GridQuantities<'_> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::scene::Scene;
+    use super::super::features::Scene;
     use super::*;
     use crate::kinds::predict_exposure::grid::Grid;
     use engine::Up;

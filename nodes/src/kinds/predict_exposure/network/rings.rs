@@ -3,7 +3,7 @@
 //! The glow around a light, and the colour of the last pixels before it clips, depend on how bright it is and on its
 //! colour.
 
-use crate::light::regions::neighbours;
+use render::light::regions::neighbours;
 
 /// Number of rings around each region.
 pub(super) const RINGS: usize = 6;

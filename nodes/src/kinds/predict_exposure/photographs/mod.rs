@@ -1,19 +1,19 @@
 //! Darker photographs of the same scene, from which hidden light is measured instead of estimated.
 
 use engine::{Context, InputFile, NodeError, Notes};
+use render::light::exposure::{DARKEST, Shown, WHITE, measured};
+use render::light::linear::{LinearPixels, Transfer, max3};
+use render::light::whole_sphere::{premultiplied, straight};
+use render::light::whole_sphere::{turn, whole};
+use scene::error::Error;
+use scene::io::picture::{FileEncoding, decode};
+use scene::io::progress::Progress;
+use scene::math::color::srgb_from_linear;
+use scene::math::num;
+use scene::types::{Image, Panorama, Picture, Srgb, Taken};
 
 use super::clip::SEEN;
 use super::exposures::exposed;
-use crate::error::Error;
-use crate::io::picture::{FileEncoding, decode};
-use crate::io::progress::Progress;
-use crate::light::exposure::{DARKEST, Shown, WHITE, measured};
-use crate::light::linear::{LinearPixels, Transfer, max3};
-use crate::light::whole_sphere::{premultiplied, straight};
-use crate::light::whole_sphere::{turn, whole};
-use crate::math::color::srgb_from_linear;
-use crate::math::num;
-use crate::types::{Image, Panorama, Picture, Srgb, Taken};
 
 /// Number of stops by which a photograph must show more light at a pixel for the pixel to count as clipped. At ten
 /// stops below white, this is half an 8-bit code.

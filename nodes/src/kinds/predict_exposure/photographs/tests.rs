@@ -1,14 +1,14 @@
 use std::sync::Arc;
 
 use engine::{Kind, Scene, Up};
+use scene::io::exr::{self, Channel, Depth};
+use scene::io::png::{self, Raster};
+use scene::math::color::{code8, linear_from_srgb};
 use tempfile::TempDir;
 
 use super::super::{CLIPPED, In, Method, Out, PredictExposure};
 use super::*;
-use crate::io::exr::{self, Channel, Depth};
-use crate::io::png::{self, Raster};
 use crate::kinds::fuse_hdr::{self, FuseHdr, Gain};
-use crate::math::color::{code8, linear_from_srgb};
 
 const W: usize = 64;
 const H: usize = 32;

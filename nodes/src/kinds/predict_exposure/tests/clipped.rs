@@ -97,7 +97,7 @@ fn white_that_is_mostly_transparent_is_reported() {
 #[test]
 fn linear_light_is_clipped_at_white_unless_it_holds_more() {
     let mut pano = (*pano(64, |_, _| [0.5; 3])).clone();
-    let mut image = Image::<crate::types::Linear>::from_samples(64, 32, 3, vec![0.2; 64 * 32 * 3]);
+    let mut image = Image::<scene::types::Linear>::from_samples(64, 32, 3, vec![0.2; 64 * 32 * 3]);
     image.pixel_mut(5, 8).fill(1.0);
     pano.image = image.clone().into();
     let (brackets, _) = run(Arc::new(pano.clone()), &[-3.0]);

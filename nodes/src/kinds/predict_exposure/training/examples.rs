@@ -2,16 +2,16 @@
 
 use engine::Digest;
 use learned::exposure::{Examples, Scale};
+use render::geometry::sampling::{hash, unit};
+use scene::error::Error;
+use scene::math::num;
+use scene::types::{Image, Linear};
 
 use super::super::network::{AMOUNT, CELL, COLOUR, HUE, LIMITS, OVERVIEW, cautious};
 use super::plan::{Plan, Progress};
 use super::procedural;
 use super::ridge::{Ridge, Sample};
 use super::truth::{Example, Shot, Truth};
-use crate::error::Error;
-use crate::geometry::sampling::{hash, unit};
-use crate::math::num;
-use crate::types::{Image, Linear};
 
 /// Name of the location that a panorama shows. Files whose names differ only in a number at the end, or in
 /// `_puresky`, show the same location.

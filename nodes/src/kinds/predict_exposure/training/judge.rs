@@ -1,10 +1,11 @@
 //! Evaluation of networks on held-out panoramas.
 
+use scene::error::Error;
+use scene::io::exr::{self, Channel, Depth};
+use scene::math::num;
+
 use super::super::network::{Network as Forward, hidden};
 use super::truth::{Example, WIDTH};
-use crate::error::Error;
-use crate::io::exr::{self, Channel, Depth};
-use crate::math::num;
 
 /// Errors for one held-out panorama, in stops.
 #[derive(Debug, Clone)]

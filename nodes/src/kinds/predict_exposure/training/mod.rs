@@ -13,6 +13,9 @@ use std::path::Path;
 use engine::{Digest, Notes};
 use learned::exposure;
 pub use learned::exposure::Recipe;
+use render::light::whole_sphere::light;
+use scene::error::Error;
+use scene::types::{Image, Linear};
 
 use self::examples::Course;
 pub use self::examples::place;
@@ -22,9 +25,6 @@ pub use self::plan::{Plan, Progress};
 use self::truth::shrink;
 pub use self::truth::{FINE, WIDTH};
 use super::network::{CELL, COLOUR, Network as Forward, OVERVIEW};
-use crate::error::Error;
-use crate::light::whole_sphere::light;
-use crate::types::{Image, Linear};
 
 /// Result of a training run.
 pub struct Trained {

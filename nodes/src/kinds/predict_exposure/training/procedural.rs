@@ -6,12 +6,12 @@ use std::f64::consts::{PI, TAU};
 
 use engine::Up;
 use glam::{DVec2, DVec3};
+use render::geometry::sampling::{hash, unit};
+use scene::math::equirect::{direction, pixel_solid_angle};
+use scene::math::num;
+use scene::types::{Image, Linear};
 
 use super::truth::WIDTH;
-use crate::geometry::sampling::{hash, unit};
-use crate::math::equirect::{direction, pixel_solid_angle};
-use crate::math::num;
-use crate::types::{Image, Linear};
 
 /// Stream of random numbers, keyed by seed and index.
 struct Chance {

@@ -76,7 +76,7 @@ fn solve(mut rows: Vec<Vec<f64>>) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::sampling::{hash, unit};
+    use render::geometry::sampling::{hash, unit};
 
     const PENALTY: f64 = 0.08;
 

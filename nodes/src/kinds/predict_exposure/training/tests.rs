@@ -1,9 +1,9 @@
 use learned::exposure::{Network, Scale};
+use scene::math::num;
 
 use super::super::network::LIMITS;
 use super::truth::{Shot, Truth};
 use super::*;
-use crate::math::num;
 
 #[test]
 fn files_of_one_place_go_together() {
@@ -92,7 +92,7 @@ fn a_finer_photograph_of_the_same_light_hides_as_much() {
 // The built-in forward pass compared with that of candle, and the amount with float64, with the built-in weights.
 #[test]
 fn the_forward_pass_agrees_with_candle() {
-    let weights = crate::math::nn::Weights::parse("w", super::super::network::WEIGHTS).expect("is sound");
+    let weights = scene::math::nn::Weights::parse("w", super::super::network::WEIGHTS).expect("is sound");
     let tensor = |name: &str| weights.tensor(name).expect("is there");
     let scale = |name: &str| Scale {
         mean: tensor(&format!("{name}.mean")).1,

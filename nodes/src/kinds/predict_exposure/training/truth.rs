@@ -5,18 +5,18 @@ use std::collections::BTreeMap;
 
 use engine::Up;
 use glam::DVec3;
+use render::geometry::sampling::{hash, unit};
+use render::light::exposure::ev0_scale;
+use render::light::measure::{self, DOMINANT_COS};
+use render::light::regions;
+use scene::math::color::{code8, srgb_from_linear};
+use scene::math::equirect::{axes, direction, pixel_solid_angle};
+use scene::math::num;
+use scene::types::{Environment, Image, Linear, Panorama, Srgb};
 
 use super::super::clip::{CLIPPED, clip_mask, clipped_light};
 use super::super::grid::Grid;
 use super::super::network::Scene;
-use crate::geometry::sampling::{hash, unit};
-use crate::light::exposure::ev0_scale;
-use crate::light::measure::{self, DOMINANT_COS};
-use crate::light::regions;
-use crate::math::color::{code8, srgb_from_linear};
-use crate::math::equirect::{axes, direction, pixel_solid_angle};
-use crate::math::num;
-use crate::types::{Environment, Image, Linear, Panorama, Srgb};
 
 /// Width of the panoramas in training, and the smallest width that is accepted.
 pub const WIDTH: usize = 256;

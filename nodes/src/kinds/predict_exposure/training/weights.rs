@@ -5,10 +5,10 @@ use std::path::Path;
 use half::f16;
 use learned::exposure::{Network, Scale};
 use safetensors::tensor::{Dtype, TensorView, serialize};
+use scene::error::Error;
+use scene::math::nn::Weights;
 
 use super::ridge::Ridge;
-use crate::error::Error;
-use crate::math::nn::Weights;
 
 /// Names of the tensors of a network, in order.
 pub(super) const TENSORS: [&str; 5] =

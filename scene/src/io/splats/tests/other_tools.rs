@@ -1,0 +1,543 @@
+//! Tests with files as other tools write them: encodings of PLY, infinities, flat splats, display colours, comments
+//! of trainers, levels of streamed scenes.
+
+use super::*;
+
+const FIELDS: [&str; 14] = [
+    "x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2", "rot_0",
+    "rot_1", "rot_2", "rot_3",
+];
+
+/// A PLY file with one element `vertex`. `encoding` is the format in the header; each of `fields` is a type and a
+/// name.
+fn table(encoding: &str, comments: &[&str], fields: &[(&str, &str)], rows: &[Vec<f64>]) -> Vec<u8> {
+    let mut text = format!("ply\nformat {encoding} 1.0\n");
+    comments.iter().for_each(|comment| text.push_str(&format!("comment {comment}\n")));
+    text.push_str(&format!("element vertex {}\n", rows.len()));
+    fields.iter().for_each(|(scalar, name)| text.push_str(&format!("property {scalar} {name}\n")));
+    text.push_str("end_header\n");
+    let mut out = text.into_bytes();
+    for row in rows {
+        if encoding == "ascii" {
+            let words: Vec<String> = row.iter().map(|v| format!("{v}")).collect();
+            out.extend(format!("{}\n", words.join(" ")).bytes());
+            continue;
+        }
+        for ((scalar, _), value) in fields.iter().zip(row) {
+            let mut word = match *scalar {
+                "uchar" => vec![*value as u8],
+                "ushort" => (*value as u16).to_le_bytes().to_vec(),
+                "double" => value.to_le_bytes().to_vec(),
+                _ => (*value as f32).to_le_bytes().to_vec(),
+            };
+            if encoding == "binary_big_endian" {
+                word.reverse();
+            }
+            out.extend(word);
+        }
+    }
+    out
+}
+
+fn floats<'a>(names: &[&'a str]) -> Vec<(&'static str, &'a str)> {
+    names.iter().map(|name| ("float", *name)).collect()
+}
+
+fn good(i: usize) -> Vec<f64> {
+    let v = i as f64;
+    vec![v, -v * 0.5, 3.0, 0.1, 0.25, -0.5, 0.75, -3.0, -2.5, -1.0, 1.0, 0.5, -0.5, 0.25 * v]
+}
+
+fn rows(count: usize) -> Vec<Vec<f64>> {
+    (0..count).map(good).collect()
+}
+
+const ENCODINGS: [&str; 3] = ["binary_little_endian", "binary_big_endian", "ascii"];
+
+/// The same numbers give the same splats in every encoding. This test fails if `Rows::packed` does not reverse
+/// bytes.
+#[test]
+fn every_encoding_of_ply_is_the_same_scene() {
+    let fields = floats(&FIELDS);
+    let of = |encoding: &str| table(encoding, &["made here"], &fields, &rows(70));
+    let (wanted, _) = read(&of("binary_little_endian")).unwrap();
+    assert_eq!(wanted.len(), 70);
+    let text = String::from_utf8(of("ascii")).unwrap();
+    let marked = [&b"\xef\xbb\xbf"[..], text.as_bytes()].concat();
+    for (name, bytes) in [
+        ("big", of("binary_big_endian")),
+        ("ascii", of("ascii")),
+        ("ascii of Windows", text.replace('\n', "\r\n").into_bytes()),
+        ("ascii with tabs and doubled blanks", text.replace("0.75 ", "0.75 \t ").into_bytes()),
+        ("ascii with a byte-order mark", marked),
+        ("ascii without a last line end", text.trim_end().as_bytes().to_vec()),
+    ] {
+        let (splats, notes) = read(&bytes).unwrap_or_else(|e| panic!("{name}: {e}"));
+        assert!(splats == wanted, "{name}");
+        assert_eq!(notes.iter().count(), 0, "{name}");
+    }
+    // A list that another program added is skipped. Compressed files may be big-endian, too.
+    let listed = text.replace("end_header\n", "element extra 2\nproperty list uchar int ids\nend_header\n");
+    let (splats, _) = read(format!("{listed}2 7 8\n0\n").as_bytes()).unwrap();
+    assert!(splats == wanted);
+    let short = text.lines().take(60).collect::<Vec<_>>().join("\n");
+    let error = read(short.as_bytes()).err().unwrap();
+    assert!(error.message().contains("the file ends early"), "{error}");
+    let (_, notes) = read(format!("{text}1 2 3").as_bytes()).unwrap();
+    assert!(notes.iter().any(|note| note.id == "bytes-left-over"));
+}
+
+#[test]
+fn compressed_ply_may_be_big_endian() {
+    let packed = Packed { position: 7, rotation: 9 << 28, scale: 5, colour: 0x0102_0304, rest: vec![3; 9] };
+    let little = build::compressed_ply(&[packed.clone(), packed], 1);
+    let header = crate::io::ply::header("a", &little).unwrap();
+    let (head, mut body) = little.split_at(header.body);
+    let mut big = String::from_utf8(head.to_vec()).unwrap().replace("little", "big").into_bytes();
+    for element in &header.elements {
+        for _ in 0..element.rows {
+            for property in &element.properties {
+                let (word, rest) = body.split_at(property.scalar.size());
+                big.extend(word.iter().rev());
+                body = rest;
+            }
+        }
+    }
+    assert!(read(&big).unwrap().0 == read(&little).unwrap().0);
+}
+
+/// Infinite logits and log scales have a meaning; a row with NaN is dropped and counted. This holds for every
+/// encoding.
+#[test]
+fn infinities_are_opaque_absent_or_flat() {
+    let row = |at: usize, value: f64| {
+        let mut row = good(1);
+        row[at] = value;
+        row
+    };
+    let (inf, nan) = (f64::INFINITY, f64::NAN);
+    let list = [row(6, inf), row(6, -inf), row(7, -inf), row(9, -inf), row(6, nan), row(8, nan), row(8, inf)];
+    for (encoding, scalar) in ENCODINGS.into_iter().flat_map(|e| [(e, "float"), (e, "double")]) {
+        let fields: Vec<_> = FIELDS.iter().map(|name| (scalar, *name)).collect();
+        let (splats, notes) = read(&table(encoding, &[], &fields, &list)).unwrap();
+        assert_eq!(splats.opacities[..2], [1.0, 0.0], "{encoding}");
+        assert_eq!((splats.scales[2][0], splats.scales[3][2], splats.len()), (0.0, 0.0, 4));
+        let dropped = [("not-finite", "2"), ("too-large", "1")].map(|(id, n)| (id.to_owned(), n.to_owned()));
+        assert_eq!(counts(&notes), dropped);
+    }
+    // As C libraries of Windows print them.
+    let text = String::from_utf8(table("ascii", &[], &floats(&FIELDS), &list)).unwrap();
+    let windows = text.replace("inf", "1.#INF").replace("NaN", "-nan(ind)");
+    assert_ne!(windows, text);
+    assert!(read(windows.as_bytes()).unwrap().0 == read(text.as_bytes()).unwrap().0);
+    // A filter widens what has no thickness, and takes its opacity.
+    let fields = floats(&[&FIELDS[..], &["filter_3D"]].concat());
+    let mut flat = row(7, -inf);
+    flat.push(0.5);
+    let (splats, _) = read(&table(ENCODINGS[0], &[], &fields, &[flat])).unwrap();
+    assert_eq!((splats.scales[0][0], splats.opacities[0]), (0.5, 0.0));
+}
+
+/// A missing third scale means a thickness of 0. This test fails if `NEG_INFINITY` in `Layout::row` is replaced
+/// with 0.
+#[test]
+fn splats_of_two_scales_are_flat() {
+    let names: Vec<&str> = FIELDS.iter().copied().filter(|name| *name != "scale_2").collect();
+    let two: Vec<Vec<f64>> = rows(5).into_iter().map(|row| [&row[..9], &row[10..]].concat()).collect();
+    let (wanted, _) = read(&build::ply(&[PlyRow::default()], 0)).unwrap();
+    assert!(wanted.scales[0][2] > 0.0);
+    for encoding in ENCODINGS {
+        let (splats, notes) = read(&table(encoding, &[], &floats(&names), &two)).unwrap();
+        assert_eq!(splats.len(), 5);
+        assert!(splats.scales.iter().all(|s| s[0] > 0.0 && s[1] > 0.0 && s[2] == 0.0));
+        assert!(notes.iter().any(|note| note.id == "two-scales"));
+    }
+    // One scale is not a format of its own.
+    let names: Vec<&str> =
+        FIELDS.iter().copied().filter(|name| !matches!(*name, "scale_1" | "scale_2")).collect();
+    let one: Vec<Vec<f64>> = rows(1).into_iter().map(|row| [&row[..8], &row[10..]].concat()).collect();
+    let error = read(&table(ENCODINGS[0], &[], &floats(&names), &one)).err().unwrap();
+    assert!(error.message().contains("`scale_1`"), "{error}");
+}
+
+/// Display colours of each type replace coefficients.
+#[test]
+fn colours_as_codes_replace_coefficients() {
+    let shown = [[204.0, 0.0, 255.0], [3.0, 2.0, 1.0], [128.0, 64.0, 32.0]];
+    for encoding in ENCODINGS {
+        for (scalar, white) in
+            [("uchar", 255.0), ("ushort", 65_535.0), ("float", 1.0), ("float", 255.0), ("double", 255.0)]
+        {
+            let mut fields = floats(&FIELDS);
+            for (at, name) in ["red", "green", "blue"].into_iter().enumerate() {
+                fields[3 + at] = (scalar, name);
+            }
+            let list: Vec<Vec<f64>> = shown
+                .iter()
+                .map(|rgb| {
+                    let mut row = good(1);
+                    row[3..6].copy_from_slice(&rgb.map(|c| c / 255.0 * white));
+                    row
+                })
+                .collect();
+            let (splats, notes) = read(&table(encoding, &[], &fields, &list)).unwrap();
+            assert!(notes.iter().any(|note| note.id == "display-colours"));
+            assert!(notes.iter().all(|note| note.id != "fields-passed-over"));
+            for (sh, rgb) in splats.sh.iter().zip(shown) {
+                near(sh, &rgb.map(|c: f64| ((c / 255.0 - 0.5) / 0.282_094_791_773_878_14) as f32), 1e-4);
+            }
+        }
+    }
+    // Where both are there, the coefficients count, as other programs read it.
+    let fields = floats(&[&FIELDS[..], &["red", "green", "blue"]].concat());
+    let (splats, _) = read(&table(ENCODINGS[0], &[], &fields, &[[good(1), vec![9.0; 3]].concat()])).unwrap();
+    near(&splats.sh[0], &[0.1, 0.25, -0.5], 1e-7);
+    // Another type of a field is named as that.
+    let mut fields = floats(&FIELDS);
+    fields[6].0 = "uchar";
+    let error = read(&table(ENCODINGS[0], &[], &fields, &rows(1))).err().unwrap();
+    assert!(error.message().contains("`opacity` that holds floats, but one of the type `uchar`"), "{error}");
+}
+
+/// A comment marks splats as trained with antialiasing, in plain and in compressed files. When the splats are
+/// written, the comment is kept.
+#[test]
+fn comments_of_trainers_set_the_compensation() {
+    let of = |comments: &[&str]| read(&table("ascii", comments, &floats(&FIELDS), &rows(3))).unwrap();
+    let (mip, notes) = of(&["Exported from Brush", "SH degree: 0", "SplatRenderMode: mip"]);
+    assert!(mip.antialiased && notes.iter().any(|note| note.id == "antialiased"));
+    assert!(of(&["antialiased 1"]).0.antialiased);
+    assert!(!of(&["SplatRenderMode: default"]).0.antialiased && !of(&[]).0.antialiased);
+    let packed = Packed { position: 7, rotation: 9 << 28, scale: 5, colour: 0x0102_0304, rest: vec![] };
+    let compressed = build::compressed_ply(&[packed], 0);
+    assert!(!read(&compressed).unwrap().0.antialiased);
+    let at = compressed.windows(9).position(|w| w == b"made here").unwrap();
+    let marked = [&compressed[..at], b"SplatRenderMode: mip", &compressed[at + 9..]].concat();
+    assert!(read(&marked).unwrap().0.antialiased);
+    let cx = context();
+    for scene in [&mip, &of(&[]).0] {
+        let (bytes, notes) = save::encode(scene, save::SaveFormat::Ply, None, &cx).unwrap();
+        assert_eq!(notes.iter().count(), 0);
+        assert_eq!(read(&bytes).unwrap().0.antialiased, scene.antialiased);
+    }
+}
+
+/// Reads the finest of two levels of one scene, given the folder or its description, and never both levels.
+#[test]
+fn one_level_of_a_streamed_scene_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["0_0", "1_0"] {
+        std::fs::create_dir_all(folder.path().join("s").join(name)).unwrap();
+        for (file, bytes) in build::sog(2) {
+            std::fs::write(folder.path().join("s").join(name).join(file), bytes).unwrap();
+        }
+    }
+    let cx = || {
+        let scene = engine::Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false };
+        Context::detached(scene, folder.path())
+    };
+    let load = |path: &str| {
+        let params = SplatFiles {
+            path: InputFile(path.to_owned()),
+            more: Vec::new(),
+            strict: true,
+            max_extent: 1e6,
+            level: 0,
+            matrix: None,
+            frame: Frame::ByFormat,
+        };
+        let sources = params.sources(&SourceRoot::new(folder.path()))?;
+        let cx = cx().having_listed(&sources);
+        params.splats(&cx).map(|(splats, notes)| (splats, notes, sources.len()))
+    };
+    // Without a description, they may be tiles as well: joined, with a warning.
+    let (both, notes, _) = load("s").unwrap();
+    assert!(notes.iter().any(|note| note.id == "levels-joined"));
+    let (one, ..) = load("s/0_0").unwrap();
+    assert_eq!(both.len(), 2 * one.len());
+    let write = |lods: &str| {
+        let text = format!(
+            r#"{{"lodLevels": 2, "filenames": ["0_0/meta.json", "1_0/meta.json"], "tree": {{"children": [{lods}]}}}}"#
+        );
+        std::fs::write(folder.path().join("s/lod-meta.json"), text).unwrap();
+    };
+    let all = one.len();
+    let levels = |from: usize, count: usize| {
+        format!(
+            r#"{{"lods": {{"0": {{"file": 0, "offset": {from}, "count": {count}}}, "1": {{"file": 1, "offset": 0, "count": {all}}}}}}}"#
+        )
+    };
+    write(&levels(0, all));
+    for path in ["s", "s/lod-meta.json"] {
+        let (splats, notes, sources) = load(path).unwrap();
+        assert!(splats == one, "{path}");
+        assert_eq!(sources, 1 + 8);
+        assert!(notes.iter().any(|note| note.id == "streamed-level" && note.text.contains("levels: 2")));
+    }
+    // Places in any order, and a place that takes a part of the rows.
+    let place = |from: usize, count: usize| {
+        format!(r#"{{"lods": {{"0": {{"file": 0, "offset": {from}, "count": {count}}}}}}}"#)
+    };
+    write(&format!("{},{}", place(3, all - 3), place(0, 3)));
+    assert!(load("s").unwrap().0 == one);
+    write(&place(2, 3));
+    let (part, ..) = load("s").unwrap();
+    assert_eq!((&part.means[..], part.len()), (&one.means[2..5], 3));
+    write(&place(2, all));
+    let error = load("s").err().unwrap();
+    assert!(error.message().contains("refers to splats 2"), "{error}");
+    // The description by itself, and an archive of it, are named as what they are.
+    let error = read(br#"{"filenames": [], "tree": {}}"#).err().unwrap();
+    assert!(error.message().contains("streamed SOG"), "{error}");
+    let files = vec![("lod-meta.json".to_owned(), b"{}".to_vec())];
+    let error = read(&build::zip("", &files, false)).err().unwrap();
+    assert!(error.message().contains("unpack it"), "{error}");
+}
+
+/// The bytes with a carriage return in place of each line feed before the end of the header, and its line end.
+fn old_macintosh(bytes: &[u8]) -> Vec<u8> {
+    let end = bytes.windows(11).position(|at| at == b"end_header\n").unwrap() + 11;
+    let head = bytes[..end].iter().map(|byte| if *byte == b'\n' { b'\r' } else { *byte });
+    head.chain(bytes[end..].iter().copied()).collect()
+}
+
+// Lines that end with carriage returns only, and comments in Latin-1. An earlier version refused both, the first with
+// misleading messages.
+#[test]
+fn headers_with_other_line_ends_and_encodings_are_read() {
+    let fields = floats(&FIELDS);
+    let (wanted, _) = read(&table("ascii", &[], &fields, &rows(70))).unwrap();
+    for encoding in ENCODINGS {
+        let bytes = table(encoding, &["made here"], &fields, &rows(70));
+        let (splats, notes) = read(&old_macintosh(&bytes)).unwrap_or_else(|e| panic!("{encoding}: {e}"));
+        assert!(splats == wanted && notes.iter().count() == 0, "{encoding}");
+        // `é` in Latin-1.
+        let at = bytes.windows(9).position(|at| at == b"made here").unwrap();
+        let latin = [&bytes[..at], b"mad\xe9 here", &bytes[at + 9..]].concat();
+        let (splats, _) = read(&latin).unwrap_or_else(|e| panic!("{encoding}: {e}"));
+        assert!(splats == wanted, "{encoding}");
+    }
+    let text = String::from_utf8(table("ascii", &[], &fields, &rows(70))).unwrap();
+    for ends in ["\r", "\r\n", "\r\r\n"] {
+        assert!(read(text.replace('\n', ends).as_bytes()).unwrap().0 == wanted, "{ends:?}");
+    }
+}
+
+// A `.splat` file has no header, so any file whose size is a multiple of 32 was one.
+#[test]
+fn text_is_not_read_as_splats() {
+    for line in ["0.511822,0.950464,0.144160\n", "v 0.511822 0.950464 0.144160\n", "cl\u{e9}ment 1 2 3\r\n"] {
+        for count in [32, 33, 500] {
+            let mut text = line.repeat(count).into_bytes();
+            text.resize(text.len().next_multiple_of(32), b' ');
+            let error = read(&text).err().unwrap_or_else(|| panic!("{line} is read"));
+            assert!(error.message().contains("a text file, but not in a known splat format"), "{error}");
+        }
+    }
+    // Centres that begin like JPEG XL.
+    let mut splat = build::splat(3);
+    splat[..4].copy_from_slice(&f32::from_bits(0x3f80_0aff).to_le_bytes());
+    assert_eq!(read(&splat).unwrap().0.len(), 3);
+    assert!(read(b"\xff\x0a and the rest of it").is_err_and(|e| e.message().contains("JPEG XL")));
+}
+
+// Pictures of a SOG scene that were not fetched, and their names as Windows writes them.
+#[test]
+fn pictures_of_sog_that_are_something_else_are_named() {
+    let mut files = build::sog(2);
+    let name = files[1].0.clone();
+    files[1].1 = b"version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 3\n".to_vec();
+    let error = read(&build::zip("", &files, false)).err().unwrap();
+    assert!(error.message().contains("git lfs pull") && error.message().contains(&name), "{error}");
+    let mut files = build::sog(2);
+    let (wanted, _) = read(&build::zip("", &files, false)).unwrap();
+    let meta = String::from_utf8(files[0].1.clone()).unwrap();
+    assert!(meta.contains(&format!("\"{name}\"")));
+    files[0].1 = meta.replace(&format!("\"{name}\""), &format!("\".\\\\{name}\"")).into_bytes();
+    assert!(read(&build::zip("", &files, false)).unwrap().0 == wanted);
+}
+
+/// Files of meshes are named, although their numbers could be those of a `.splat` file.
+#[test]
+fn formats_of_meshes_are_named() {
+    let fbx = [&b"Kaydara FBX Binary  \0\x1a\0"[..], &[0_u8; 77][..]].concat();
+    let blender = [&b"BLENDER-v300"[..], &[0_u8; 84][..]].concat();
+    for (bytes, says) in
+        [(&fbx[..], "FBX"), (&blender[..], "Blender"), (b"solid a\n facet normal 0 0 1\n", "STL")]
+    {
+        let error = read(bytes).err().unwrap();
+        assert!(error.message().contains(says) && error.message().contains("without splats"), "{error}");
+    }
+}
+
+#[test]
+fn pointers_of_git_lfs_are_named() {
+    let text = b"version https://git-lfs.github.com/spec/v1\noid sha256:4d7a214614ab2935c943f9e0ff69d22e\nsize 12345\n";
+    let error = read(text).err().unwrap();
+    assert!(error.message().contains("git lfs pull"), "{error}");
+}
+
+/// Two splats as USD text. `metadata` is a part of the head, `transform` the operations of the prim around the
+/// splats, and `more` a list of additional attributes.
+fn usda(metadata: &str, transform: &str, more: &str) -> String {
+    format!(
+        "#usda 1.0\n(\n    doc = \"made (here)\"\n    {metadata}\n)\n# a note {{\ndef Xform \"World\" (\n    kind = \"x\"\n)\n{{\n    {transform}\n\
+         def ParticleField3DGaussianSplat \"Splats\"\n    {{\n        point3f[] positions = [(1, 2, 3),\n (-1, 0, 0.5)]\n\
+         quatf[] orientations = [(1, 0, 0, 0), (0.5, 0.5, -0.5, 0.5)]\n        float3[] scales = [(0.1, 0.2, 0.3), (1, 1, 0)]\n\
+         half[] opacitiesh = [1, 0.25]\n        uniform int radiance:sphericalHarmonicsDegree = 1\n\
+         float3[] radiance:sphericalHarmonicsCoefficients = [(0.5, 0.25, -0.5), (1,2,3), (4,5,6), (7,8,9), (1,1,1), (0,0,0), (0,0,0), (0,0,0)]\n\
+         uniform token projectionModeHint = \"perspective\"\n{more}    }}\n}}\n"
+    )
+}
+
+/// USD as its grammar allows it gives the same splats: comments, quotes, blocked values, settings in strings, and
+/// operations of transforms in any order. Prims that are not drawn are skipped, and data elsewhere are reported.
+#[test]
+fn usd_is_read_as_its_grammar_and_its_stage_say() {
+    let metres = "upAxis = \"Z\"\n    metersPerUnit = 1";
+    let load = |text: &str| from_bytes("a.usda", text.as_bytes(), Frame::AsStored, &context());
+    let wanted = load(&usda(metres, "", "")).unwrap().0;
+    for text in [
+        usda("upAxis = 'Z' # up\n    metersPerUnit = 1; kind = \"x\"", "", ""),
+        usda(&format!("doc = \"\"\"\n upAxis = \"Y\"\n metersPerUnit = 9\n\"\"\"\n {metres}"), "", ""),
+        usda(&format!("doc = '''\n upAxis = \"Y\"\n metersPerUnit = 9\n'''\n {metres}"), "", ""),
+        usda(metres, "// a }\n /* {\n { */ string note = 'a { \" b' (\n doc = \"}\"\n )\n", ""),
+        usda(metres, "asset a = @b [c].png@\n rel r = </World/Mat>\n string s = \"a \\\" { b\"\n", ""),
+        usda(metres, "", "        float[] opacities = None\n        vector3f[] velocities = None\n"),
+        usda(metres, "", "")
+            .replace("\"Splats\"", "'Splats'")
+            .replace("(-1, 0, 0.5)", "// x\n(-1, 0, 0.5) /* ] */"),
+        usda(metres, "token visibility = \"inherited\"\n float3 xformOp:scale\n", ""),
+        // An order without values, and values without an order.
+        usda(metres, "uniform token[] xformOpOrder = [\"xformOp:orient\"]\n", ""),
+        usda(metres, "double3 xformOp:translate = (5, 0, 0)\n", ""),
+    ] {
+        assert!(load(&text).unwrap_or_else(|e| panic!("{e}: {text}")).0 == wanted, "{text}");
+    }
+    let first = |text: &str| load(text).unwrap_or_else(|e| panic!("{e}")).0.means[0];
+    // The point (1, 2, 3). The last operation in the order comes first.
+    let order = |names: &str| format!("uniform token[] xformOpOrder = [{names}]\n");
+    let turned = "float3 xformOp:rotateXYZ = (90, 0, 90)\n double3 xformOp:translate = (10, 0, 0)\n";
+    for (transform, point) in [
+        (format!("{turned}{}", order("\"xformOp:translate\", \"xformOp:rotateXYZ\"")), [13.0, 1.0, 2.0]),
+        (format!("{turned}{}", order("\"xformOp:rotateXYZ\", \"xformOp:translate\"")), [3.0, 11.0, 2.0]),
+        (format!("quatf xformOp:orient = (0, 0, 0, 1)\n{}", order("\"xformOp:orient\"")), [-1.0, -2.0, 3.0]),
+    ] {
+        near(&first(&usda(metres, &transform, "")), &point, 1e-5);
+    }
+    let reset = "        uniform token[] xformOpOrder = [\"!resetXformStack!\"]\n";
+    let moved = format!("double3 xformOp:translate = (10, 0, 0)\n{}", order("\"xformOp:translate\""));
+    near(&first(&usda(metres, &moved, reset)), &[1.0, 2.0, 3.0], 0.0);
+    // A second prim of splats, which is drawn or not.
+    let second = |specifier: &str, settings: &str, body: &str| {
+        let splats = "def ParticleField3DGaussianSplat \"T\" { point3f[] positions = [(7, 7, 7)] }\n";
+        format!("{}{specifier} \"Other\" {settings}\n{{\n{splats}{body}}}\n", usda(metres, "", ""))
+    };
+    assert_eq!(load(&second("def", "", "")).unwrap().0.len(), 3);
+    for (specifier, settings, body) in [
+        ("def Xform", "(active = false)", ""),
+        ("def Xform", "", "token visibility = \"invisible\"\n"),
+        ("over", "", ""),
+        ("class Xform", "", ""),
+        ("def Xform", "(active = false)", "double xformOp:rotateX.timeSamples = { 0: 1 }\n"),
+    ] {
+        let text = second(specifier, settings, body);
+        let (splats, notes) = load(&text).unwrap_or_else(|e| panic!("{e}: {text}"));
+        assert!(splats == wanted && notes.iter().any(|note| note.id == "usd-hidden"), "{text}");
+    }
+    let reference = "(prepend references = @./a.usda@</S> (offset = 1))";
+    let (splats, notes) = load(&second("def", reference, "")).unwrap();
+    assert_eq!(splats.len(), 3);
+    let text = notes.iter().find(|note| note.id == "usd-elsewhere").map(|note| note.text.as_str());
+    assert!(notes.is_degraded() && text.is_some_and(|text| text.contains("the references of `Other`")));
+    assert!(!load(&second("def", "(references = None)", "")).unwrap().1.is_degraded());
+    let variants = "variantSet \"lod\" = {\n \"high\" {\n }\n }\n";
+    assert!(load(&second("def", "", variants)).unwrap().1.is_degraded());
+    let alone = |prim: &str| format!("#usda 1.0\n(\n {metres}\n)\ndef {prim} {{ }}\n");
+    for (text, says) in [
+        (alone("\"A\" (payload = @b.usda@)"), "the payload of `A`"),
+        (
+            alone("ParticleField3DGaussianSplat \"A\" (references = @b.usda@)"),
+            "the references of the splats `A`",
+        ),
+        (
+            alone("ParticleField3DGaussianSplat \"A\" (active = false)"),
+            "are inactive, invisible or not defined",
+        ),
+        (
+            alone("\"A\"").replace("metersPerUnit", "subLayers = [@b.usda@]\n metersPerUnit"),
+            "the subLayers of the file",
+        ),
+        (second("def", "", "double xformOp:rotateX.timeSamples = { 0: 1 }\n"), "animated USD"),
+    ] {
+        let error = load(&text).err().unwrap_or_else(|| panic!("{text}"));
+        assert!(error.message().contains(says), "{error}");
+    }
+}
+
+/// Splats in USD text are read with the right values, unit, axis and transforms, and unsupported files are refused.
+#[test]
+fn splats_of_usd_in_text_are_read() {
+    let stored = |text: &str| from_bytes("a.usda", text.as_bytes(), Frame::AsStored, &context());
+    let metres = "upAxis = \"Z\"\n    metersPerUnit = 1";
+    let (splats, _) = stored(&usda(metres, "", "")).unwrap();
+    assert_eq!((splats.len(), splats.sh_degree), (2, 1));
+    near(splats.means.as_flattened(), &[1.0, 2.0, 3.0, -1.0, 0.0, 0.5], 1e-6);
+    near(&splats.scales[1], &[1.0, 1.0, 0.0], 1e-6);
+    near(&splats.opacities, &[1.0, 0.25], 0.0);
+    near(&splats.quats[1], &[0.5, 0.5, -0.5, 0.5], 1e-6);
+    near(splats.sh[..2].as_flattened(), &[0.5, 0.25, -0.5, 1.0, 2.0, 3.0], 1e-5);
+    let means = |metadata: &str, transform: &str| {
+        let (splats, _) =
+            from_bytes("a", usda(metadata, transform, "").as_bytes(), Frame::ByFormat, &context())
+                .unwrap_or_else(|e| panic!("{e}"));
+        (splats.means[0], splats.scales[0][0])
+    };
+    // The world of the test has +z up: y up is turned, centimetres are metres.
+    let close = |(a, s): ([f32; 3], f32), b: [f32; 3], t: f32| {
+        near(&[a[0], a[1], a[2], s], &[b[0], b[1], b[2], t], 1e-6);
+    };
+    close(means("upAxis = \"Z\"\n metersPerUnit = 0.5", ""), [0.5, 1.0, 1.5], 0.05);
+    close(means("upAxis = \"Y\"\n metersPerUnit = 1", ""), [1.0, -3.0, 2.0], 0.1);
+    close(means("upAxis = \"Z\"", ""), [0.01, 0.02, 0.03], 0.001);
+    let moved = "matrix4d xformOp:transform = ( (2,0,0,0), (0,2,0,0), (0,0,2,0), (10,0,0,1) )\n\
+        uniform token[] xformOpOrder = [\"xformOp:transform\"]\n";
+    close(means(metres, moved), [12.0, 4.0, 6.0], 0.2);
+    let steps = "double3 xformOp:translate = (10, 0, 0)\n float3 xformOp:scale = (2, 2, 2)\n\
+        uniform token[] xformOpOrder = [\"xformOp:translate\", \"xformOp:scale\"]\n";
+    close(means(metres, steps), [12.0, 4.0, 6.0], 0.2);
+    for (text, says) in [
+        (usda(metres, "", "        point3f[] positions.timeSamples = { 0: [(1,2,3)] }\n"), "animated USD"),
+        (usda(metres, &steps.replace("xformOp:scale", "xformOp:rotateX"), ""), "rotateX"),
+        (usda(metres, &steps.replace("(2, 2, 2)", "(2, 1, 2)"), ""), "unevenly"),
+        (usda("upAxis = \"X\"", "", ""), "not Y or Z"),
+        (usda("metersPerUnit = 0", "", ""), "metersPerUnit"),
+        (usda(metres, "", "        float[] opacities = [1, 2, 3]\n"), "3 numbers for 2 splats"),
+        (usda(metres, "", "").replace("ParticleField3DGaussianSplat", "Mesh"), "no prim of the type"),
+        (usda(metres, "", "").replace("}\n}", "}"), "is not closed"),
+    ] {
+        let error = stored(&text).err().unwrap();
+        assert!(error.message().contains(says), "{error}");
+    }
+    let error = read(b"PXR-USDC\0\0").err().unwrap();
+    assert!(error.message().contains("save it as text"), "{error}");
+    // A file that is cut off anywhere, or in which bytes are changed, gives an error or a scene.
+    let whole = usda(metres, moved, "").into_bytes();
+    let mut seed = 1_u64;
+    for turn in 0..4000 {
+        let mut bytes = whole.clone();
+        for _ in 0..=turn % 3 {
+            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            let at = (seed >> 33) as usize % bytes.len();
+            match seed >> 62 {
+                0 => bytes.truncate(at.max(8)),
+                1 => bytes[at] = b"()[]{}\"#=,\n'@<>/*"[(seed >> 50) as usize % 17],
+                2 => drop(bytes.remove(at)),
+                _ => bytes[at] ^= 1 << (seed >> 55 & 7),
+            }
+        }
+        if let Ok((splats, _)) = read(&bytes) {
+            assert!(splats.len() <= bytes.len());
+        }
+    }
+}
