@@ -35,6 +35,7 @@ const VIEWS: u8 = 2;
 
 /// Part of the field in one cube.
 pub struct Block {
+    /// The cube.
     pub cube: Cube,
     /// Distance from each corner to the surface, in world units, negative behind the surface; 0 if no view shows
     /// the corner.
@@ -93,7 +94,9 @@ pub const BLOCK_BYTES: u64 = (ALL * 5 + 128) as u64;
 
 /// The field: its blocks, sorted by cube.
 pub struct Field<'a> {
+    /// The cells, by cube.
     pub levels: &'a Levels,
+    /// The parts of the field.
     pub blocks: Vec<Block>,
 }
 

@@ -35,8 +35,11 @@ const STEEP: [[f64; 2]; 4] = [[1.8, 0.7], [1.2, 0.5], [0.7, 0.35], [0.35, 0.2]];
 
 /// Inputs of the search for places.
 pub struct Ground<'a> {
+    /// The scene.
     pub splats: &'a Splats,
+    /// The blocks of the splats of the scene.
     pub blocks: &'a Blocks,
+    /// Settings of the splat renderer.
     pub settings: &'a Settings,
     /// World position to which the positions of the places are relative.
     pub origin: DVec3,
@@ -50,6 +53,7 @@ pub struct Ground<'a> {
 
 /// Views from the places that were found.
 pub struct Places {
+    /// Depths seen from the places.
     pub views: Vec<DepthView>,
     /// Positions of the places, relative to the origin, in world units.
     pub eyes: Vec<Vec3>,

@@ -13,9 +13,11 @@ use super::levels::SIDE;
 /// from empty space.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Surface {
+    /// Corners of the triangles, in world units.
     pub points: Vec<Vec3>,
     /// For each point, the level of the cell that contains it.
     pub levels: Vec<u8>,
+    /// Indices of the corners of each triangle.
     pub triangles: Vec<[u32; 3]>,
 }
 

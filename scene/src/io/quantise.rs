@@ -99,12 +99,14 @@ pub struct Lost {
 }
 
 impl Lost {
+    /// Adds other counts.
     pub fn add(&mut self, other: Self) {
         self.above += other.above;
         self.below += other.below;
         self.not_a_number += other.not_a_number;
     }
 
+    /// Adds a note for each kind of loss to the notes about a view.
     pub fn report(self, view: &str, notes: &mut Notes) {
         if self.not_a_number > 0 {
             notes.degraded(

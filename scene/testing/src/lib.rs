@@ -65,12 +65,15 @@ pub fn chi_square(counts: &[f64], expected: &[f64]) -> f64 {
 /// Bins of equal solid angle over the sphere: rings by height, each divided into sectors.
 #[derive(Clone, Copy)]
 pub struct SphereBins {
+    /// Number of rings.
     pub rings: usize,
+    /// Number of sectors of each ring.
     pub sectors: usize,
 }
 
 impl SphereBins {
-    pub fn len(self) -> usize {
+    /// Number of bins.
+    pub fn count(self) -> usize {
         self.rings * self.sectors
     }
 
@@ -84,7 +87,7 @@ impl SphereBins {
 
     /// The integrals of `N` densities over each bin, computed from `fine` x `fine` points per bin.
     pub fn integrals<const N: usize>(self, fine: usize, pdf: impl Fn(Vec3) -> [f32; N]) -> [Vec<f64>; N] {
-        let mut sums = std::array::from_fn(|_| vec![0.0; self.len()]);
+        let mut sums = std::array::from_fn(|_| vec![0.0; self.count()]);
         let [rings, sectors] = [self.rings * fine, self.sectors * fine];
         let area = 4.0 * std::f64::consts::PI / (rings * sectors) as f64;
         for ring in 0..rings {

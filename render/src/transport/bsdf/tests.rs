@@ -292,7 +292,7 @@ fn samplers_follow_their_densities() {
     .map(|(name, params, cosine)| (name, surface(&params, towards(cosine))));
     for (name, bsdf) in materials.into_iter().chain([("receiver", receiver)]) {
         let (bins, n) = (SphereBins { rings: 20, sectors: 16 }, 100_000);
-        let mut counts = [vec![0.0; bins.len()], vec![0.0; bins.len()]];
+        let mut counts = [vec![0.0; bins.count()], vec![0.0; bins.count()]];
         for i in 0..n {
             if let Some((lobe, d, _)) = bsdf.sample(&Points::new(stream(3, i, 0), 0), 0) {
                 counts[lobe as usize][bins.of(d)] += 1.0;

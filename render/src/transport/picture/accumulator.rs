@@ -41,13 +41,21 @@ pub struct ReachedError {
 
 /// Finished images of one camera.
 pub struct FinishedView {
+    /// The receiver without the objects, the receiver with the objects, and the objects with premultiplied alpha.
     pub images: [Image<Linear>; 3],
+    /// Planar depth of the first surface, in world units.
     pub depth: Image<Data>,
+    /// Planar depth of the surface in front of which splats are left, in world units.
     pub nearest: Image<Data>,
+    /// Unit normal of the first surface.
     pub normal: Image<Data>,
+    /// Variances of the means of the pixels.
     pub variance: Image<Data>,
+    /// Row of the camera in the report.
     pub row: Vec<Cell>,
+    /// Number of rays by purpose.
     pub rays: Rays,
+    /// Number of samples that were not finite and count as black.
     pub broken: u64,
     /// Among the samples that show an object, the share in which the limit on bounces ended a path that still
     /// carried most of its light.
@@ -58,6 +66,7 @@ pub struct FinishedView {
     pub beyond: u64,
     /// Share of the pixel chunks that were cropped, and upper bound of the relative change of their light.
     pub cropped: (f64, f64),
+    /// Result of sampling to a target error, if there is one.
     pub reached: Option<ReachedError>,
 }
 

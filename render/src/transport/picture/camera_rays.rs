@@ -34,6 +34,7 @@ impl<'a> CameraParams<'a> {
 
 /// Rays of a camera.
 pub struct CameraRays<'a> {
+    /// The camera.
     pub camera: &'a Camera,
     pub(crate) eye: Vec3,
     /// Directions to the right, down and forward of the camera, in world coordinates.
@@ -52,6 +53,7 @@ pub struct CameraRays<'a> {
 }
 
 impl<'a> CameraRays<'a> {
+    /// Rays from a camera in a frame whose origin is at `origin` in the world.
     pub fn new(camera: &'a Camera, origin: DVec3, seed: u64, ground: &'a Ground, coarse_px: u32) -> Self {
         let pose = camera.world_from_camera();
         let axes = [pose.x_axis, pose.y_axis, pose.z_axis].map(|axis| axis.truncate());

@@ -20,6 +20,10 @@ pub struct PreparedScene<'a> {
 }
 
 impl<'a> PreparedScene<'a> {
+    /// Prepares the receiver and the environment, or takes them from memory.
+    ///
+    /// # Errors
+    /// If the mesh is not valid, or the run was cancelled.
     pub fn new(mesh: &Mesh, env: &Environment, origin: DVec3, cx: &'a Context) -> Result<Self, NodeError> {
         let part = Part { name: "receiver", version: 1, inputs: &["receiver"] };
         let new = || Receiver::new_in(mesh, origin, cx);
@@ -30,10 +34,12 @@ impl<'a> PreparedScene<'a> {
         Ok(Self { origin, cx, receiver, sky })
     }
 
+    /// The receiver.
     pub fn receiver(&self) -> &Receiver {
         &self.receiver
     }
 
+    /// The environment.
     pub fn sky(&self) -> &EnvironmentLight {
         &self.sky
     }

@@ -29,12 +29,14 @@ pub struct Sample {
     pub(crate) points: Points,
     pub(crate) key: u32,
     pub(crate) ray: Ray,
+    /// The surface of the receiver that the ray hits.
     pub hit: Option<Hit>,
 }
 
 /// Samples of a tile, and a cone that contains the normals at their hits.
 pub struct Tile<'a> {
     scene: Scene<'a>,
+    /// The samples, pixel by pixel.
     pub samples: Vec<Sample>,
     /// Guide of light samples.
     pub(crate) guide: Option<&'a Guide>,

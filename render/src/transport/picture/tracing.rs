@@ -73,8 +73,10 @@ pub struct Settings {
 /// A scene to trace, and the settings for tracing it.
 pub struct Tracing<'a> {
     settings: Settings,
+    /// Context of the node.
     pub cx: &'a Context,
     prepared: &'a PreparedScene<'a>,
+    /// The cameras.
     pub cameras: &'a [Camera],
     objects: &'a Objects,
     rules: &'a Rules,
@@ -83,6 +85,10 @@ pub struct Tracing<'a> {
 }
 
 impl<'a> Tracing<'a> {
+    /// Prepares what all cameras share.
+    ///
+    /// # Errors
+    /// If the run was cancelled.
     pub fn new(
         settings: Settings,
         cx: &'a Context,
@@ -95,6 +101,7 @@ impl<'a> Tracing<'a> {
         Ok(Self { settings, cx, prepared, cameras, objects, rules, light_points, crop: OnceLock::new() })
     }
 
+    /// The scene as integrators see it.
     pub fn scene(&self) -> Scene<'_> {
         Scene {
             receiver: self.prepared.receiver(),
@@ -116,6 +123,7 @@ impl<'a> Tracing<'a> {
         self.crop.get_or_init(new).as_ref().map_err(|why| *why)
     }
 
+    /// Rays of a camera, one for each block of `coarse_px` x `coarse_px` pixels.
     pub fn camera_rays<'s>(&'s self, camera: &'s Camera, coarse_px: u32) -> CameraRays<'s> {
         CameraRays::new(camera, self.prepared.origin, self.cx.seed(), &self.objects.ground, coarse_px)
     }

@@ -5,7 +5,9 @@ use glam::Vec3;
 /// An axis-aligned bounding box.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Aabb {
+    /// Corner with the smallest coordinates.
     pub low: Vec3,
+    /// Corner with the largest coordinates.
     pub high: Vec3,
 }
 
@@ -18,6 +20,7 @@ impl Aabb {
         points.into_iter().fold(Self::EMPTY, |all, &point| all.joined(Self { low: point, high: point }))
     }
 
+    /// True if the box contains no point.
     pub fn is_empty(&self) -> bool {
         !self.low.cmple(self.high).all()
     }
@@ -51,6 +54,7 @@ impl Aabb {
         (point.clamp(self.low, self.high) - point).length()
     }
 
+    /// True if the box contains a point. Its boundary belongs to it.
     pub fn holds(&self, point: Vec3) -> bool {
         point.cmpge(self.low).all() && point.cmple(self.high).all()
     }

@@ -30,6 +30,7 @@ use crate::geometry::bvh::{Bvh, Hit, Ray};
 /// One primitive of one placed object.
 #[derive(Debug)]
 pub struct PlacedPrimitive {
+    /// Index of the object.
     pub placed: usize,
     pub(crate) primitive: usize,
     /// Index of the first triangle of the primitive in the BVH.
@@ -237,6 +238,7 @@ impl Objects {
         self.bvh.bounds().is_none()
     }
 
+    /// The part to which a triangle of the BVH belongs, with its object, primitive and material.
     pub fn part(&self, triangle: u32) -> (&PlacedPrimitive, &Object, &Primitive, &Material) {
         let at = self.parts.partition_point(|part| part.first <= triangle).saturating_sub(1);
         let part = &self.parts[at];

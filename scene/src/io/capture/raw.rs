@@ -9,7 +9,9 @@ use super::distortion::Bend;
 pub struct Raw {
     /// Name of the camera's picture, possibly with folder and extension.
     pub picture: String,
+    /// Width of the picture in pixels.
     pub width: u64,
+    /// Height of the picture in pixels.
     pub height: u64,
     /// Focal lengths fx and fy, and principal point cx and cy, in pixels.
     pub lens: [f64; 4],

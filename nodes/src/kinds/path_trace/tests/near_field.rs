@@ -150,7 +150,7 @@ fn light_samples_follow_their_density() {
                     .eval(ray, &near.samples(side), hit.as_ref(), 0.0)
                     .map_or(0.0, |(light, _)| light.pdf * n as f32)]
             });
-            let mut counts = vec![0.0; bins.len()];
+            let mut counts = vec![0.0; bins.count()];
             for i in 0..n {
                 let points = Points::new(stream(2, i, 0), 0);
                 let [sample, ..] = NearDraws::at_one(near, (point, near.samples(side)), points, 1, 0);
