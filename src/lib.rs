@@ -42,3 +42,5 @@ mod terminal;
 pub use engine;
 pub use nodes;
 pub use program::Program;
+pub use render;
+pub use scene;

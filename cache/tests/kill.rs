@@ -1,5 +1,6 @@
 //! Kills a process, or simulates a disk error, at every failpoint, and then checks the cache. The tests need the
-//! feature `failpoints`. They run this test program as a child process, with the test `child`.
+//! feature `failpoints`, which the tests of the program turn on for the whole workspace. They run this test program as
+//! a child process, with the test `child`.
 #![cfg(feature = "failpoints")]
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 

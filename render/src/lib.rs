@@ -2,7 +2,7 @@
 //! and the training of splats.
 //!
 //! A file imports only from its own module and from those after it in this list: [`train`], [`agreement`],
-//! [`layout`], [`look`], [`pick`], [`transport`], [`fusion`], [`splat`], [`geometry`], [`light`].
+//! [`look`], [`layout`], [`pick`], [`transport`], [`fusion`], [`splat`], [`light`], [`geometry`].
 
 pub mod agreement;
 pub mod fusion;

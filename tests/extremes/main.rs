@@ -82,7 +82,7 @@ fn sources(folder: &Path, into: &mut Vec<PathBuf>) {
 /// have the same name, their files are all listed.
 fn tests() -> BTreeMap<String, Vec<String>> {
     let mut files = Vec::new();
-    for folder in ["cache", "engine", "extras", "nodes", "src", "tests", "trade"] {
+    for folder in ["cache", "engine", "extras", "nodes", "render", "scene", "src", "tests", "trade"] {
         sources(&workspace().join(folder), &mut files);
     }
     let mut found: BTreeMap<String, Vec<String>> = BTreeMap::new();

@@ -12,7 +12,7 @@ import os
 import re
 import sys
 
-CRATES = {"cache": "cache/src", "engine": "engine/src", "nodes": "nodes/src", "trade": "trade/src", "benchmark": "benchmark/src", "program": "src"}
+CRATES = {"cache": "cache/src", "engine": "engine/src", "scene": "scene/src", "render": "render/src", "nodes": "nodes/src", "trade": "trade/src", "benchmark": "benchmark/src", "program": "src"}
 TEST = re.compile(r"#\[cfg\(test\)\]\n(?:#\[[^\n]*\n)*(?:pub\(crate\) )?mod \w+ \{")
 
 

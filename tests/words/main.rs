@@ -25,6 +25,8 @@ const HELD: &[&str] = &[
     "extras",
     "graphs",
     "nodes",
+    "render",
+    "scene",
     "src",
     "tests",
     "benchmark",
