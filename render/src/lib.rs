@@ -1,5 +1,5 @@
-//! What kinds of nodes compute with: renderers of Gaussian splats and of light transport, recovered light, ray casting,
-//! and the training of splats.
+//! Renderers that kinds of nodes use: Gaussian splats and their training, light transport, recovered light, ray casting,
+//! and the comparison of meshes and splats.
 //!
 //! A file imports only from its own module and from those after it in this list: [`train`], [`agreement`],
 //! [`look`], [`layout`], [`pick`], [`transport`], [`fusion`], [`splat`], [`light`], [`geometry`].

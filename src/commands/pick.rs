@@ -1,8 +1,9 @@
 //! `pick`: prints the point of the scene that a pixel of a view shows.
 
 use clap::Args;
-use engine::{Graph, Wire};
+use engine::{Graph, Kind, Wire};
 use glam::DVec3;
+use nodes::kinds::pose::PoseNode;
 use render::pick::{Picked, on_mesh, on_splats};
 use scene::types::{Mesh, Rig, Splats};
 
@@ -95,13 +96,27 @@ impl Pick {
         });
         terminal::print(&format!(
             "position  {at}\n  normal  {along}\n{distance}    pose  Pose(translation: {at})\n      or  Pose(pixel: Some(({:?}, {:?})), \
-             rig: \"{}\", {port}: \"{}\")\n",
+             rig: \"{}\", {port}: \"{}\")\n{}",
             from[0],
             from[1],
             name(graph, rig),
             name(graph, shown),
+            setting(graph, &at),
         ))?;
         Ok(0)
+    }
+}
+
+/// The option that moves the only object of a graph to a position and keeps its direction and size. Empty if several
+/// nodes are poses, or if the pose is a matrix or a pixel.
+fn setting(graph: &Graph, position: &str) -> String {
+    let poses = graph.nodes.iter().filter(|node| node.kind.name == PoseNode::NAME);
+    let poses = poses.filter_map(|node| Some((node, node.params::<PoseNode>()?)));
+    match &poses.collect::<Vec<_>>()[..] {
+        [(node, pose)] if pose.matrix.is_none() && pose.pixel.is_none() => {
+            format!("      or  --set '{}.translation={position}'   keeps direction and size\n", node.id)
+        }
+        _ => String::new(),
     }
 }
 

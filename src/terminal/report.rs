@@ -190,7 +190,7 @@ impl Lines {
             }
             Event::Mistakes { text, .. } => self.bar.suspend(|| error(text)),
             Event::Stale { path } => {
-                let text = format!("{} shows an earlier state of the graph", path.display());
+                let text = format!("{} is still from an earlier run", path.display());
                 self.line("stale", "33;1", &text);
             }
             Event::Idle { files } => {

@@ -58,6 +58,14 @@ fn a_failing_node_is_named_and_the_others_finish() {
     let errors = text(&plain.stderr);
     assert_eq!(errors.matches("`broken` failed").count(), 1, "reported once:\n{errors}");
     assert!(errors.contains("graph.ron:"), "{errors}");
+    // The picture of an earlier run is not taken for one of this run.
+    assert!(!errors.contains("earlier run"), "{errors}");
+    let earlier = place.path("out/final.png");
+    std::fs::create_dir_all(earlier.parent().unwrap()).unwrap();
+    std::fs::write(&earlier, "earlier").unwrap();
+    let plain = place.call(&["run", "graph.ron"]);
+    let errors = text(&plain.stderr);
+    assert_eq!(errors.matches("final.png is still from an earlier run").count(), 1, "{errors}");
 }
 
 #[test]

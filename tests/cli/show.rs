@@ -82,6 +82,11 @@ fn a_pixel_gives_the_point_that_it_shows() {
         "{printed}"
     );
     assert!(on_mesh[2].abs() < 0.02, "the floor: {on_mesh:?}");
+    // The option moves the object and keeps its direction and size.
+    let set = printed.lines().find_map(|line| line.trim().strip_prefix("or  --set '")).unwrap_or_default();
+    let set = set.split_once('\'').unwrap_or_default().0;
+    assert!(set.starts_with("pose.translation=("), "{printed}");
+    assert_eq!(place.call(&["check", "graph.ron", "--set", set]).status.code(), Some(0));
     let (on_splats, printed) = picked("view");
     assert!(printed.contains("splats: \"demo.splats\")"), "{printed}");
     let apart = (0..3).map(|k| (on_mesh[k] - on_splats[k]).abs()).fold(0.0, f64::max);

@@ -1,6 +1,7 @@
 //! Light of panoramas: measures of recovered light, connected regions, exposure, filling of holes, and files that
 //! show a whole sphere.
 
+pub mod balance;
 pub mod emitters;
 pub mod energy;
 pub mod energy_table;

@@ -1,4 +1,4 @@
-//! What the unit tests of several crates share. It uses none of the crates that it tests.
+//! Helpers of the unit tests of several crates. This crate uses none of the crates that these tests are for.
 
 use engine::{Context, Scene, Up};
 use fearless_simd::Level;

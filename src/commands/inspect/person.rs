@@ -87,14 +87,16 @@ impl Lines {
             format!(", ceiling {} above the floor", ruler.length(c - level.floor))
         });
         let sure = if level.is_floor_sure() { "sure" } else { "not sure" };
-        self.line(
-            "floor",
-            format!(
-                "{} along the up axis{ceiling}, {sure} (confidence {:.2})",
-                ruler.length(level.floor),
-                level.floor_confidence
-            ),
-        );
+        // Below the middle of the scene, since the measured direction may differ a little from the axis that it names.
+        let floor = match level.axis().and_then(|axis| axis.chars().nth(1)) {
+            Some(axis) => {
+                let coordinate = level.floor_point()["xyz".find(axis).unwrap_or_default()];
+                format!("{axis} = {}", ruler.length(coordinate))
+            }
+            None => format!("{} along the up axis", ruler.length(level.floor)),
+        };
+        let confidence = level.floor_confidence;
+        self.line("floor", format!("{floor}{ceiling}, {sure} (confidence {confidence:.2})"));
         let scale = &level.scale;
         let metres = scale.metres_per_unit.map_or_else(
             || format!("not known: {}", scale.reason),

@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use clap::Args;
-use engine::{Engine, Event, Outcome, RunOptions, run_unchanged};
+use engine::{Engine, Event, Graph, Outcome, RunOptions, State, run_unchanged};
 use serde_json::{Value, json};
 use trace::Trace;
 
@@ -147,9 +147,19 @@ impl Run {
         let mut trace = Trace::default();
         // Failures are printed before the end, which is the last line of JSON.
         let (mut end, mut done) = (None, Done::default());
+        let mut stale = Vec::new();
         let outcome = engine.run(graph, &options, |event| {
             trace.add(&event);
             done.add(&event);
+            match &event {
+                Event::Node { id, state: State::Failed | State::Skipped, .. } => {
+                    stale.extend(earlier_file(graph, id, &options.out));
+                }
+                Event::Done(totals) if !totals.stopped => {
+                    stale.drain(..).for_each(|path| report.show(&Event::Stale { path }));
+                }
+                _ => {}
+            }
             match event {
                 Event::Done(_) if self.json => end = Some(event),
                 event => report.show(&event),
@@ -283,4 +293,10 @@ impl Run {
         let settings: Vec<String> = chosen.iter().map(|setting| format!("--set {setting}")).collect();
         terminal::remark(&format!("{}: {why}", settings.join(" ")));
     }
+}
+
+/// The file of a sink if it exists. Files of several views have several names and are not looked for.
+fn earlier_file(graph: &Graph, id: &str, out: &Path) -> Option<PathBuf> {
+    let sink = graph.nodes.iter().find(|node| node.id == id)?.sink_path.as_ref()?;
+    Some(out.join(sink)).filter(|path| path.is_file())
 }

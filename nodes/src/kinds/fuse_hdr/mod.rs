@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use engine::{Context, Cost, Kind, NodeError, Notes};
+use render::light::balance::Balance;
 use render::light::exposure::{Shown, measured};
 use render::light::linear::{LinearPixels, Transfer, linear_pixels, max3};
 use scene::error::Error;
@@ -16,8 +17,7 @@ mod gain;
 mod ledger;
 mod sky;
 
-use self::ledger::Lights;
-use self::sky::Balance;
+use self::ledger::{Lights, luminance_of};
 use fused::Fused;
 pub use gain::Gain;
 
@@ -181,11 +181,19 @@ impl Kind for FuseHdr {
             notes.warning("saturated-at-darkest", text);
         }
         cx.check()?;
-        let balance = Balance::of(base.up, &pixels, &base.alpha, &image);
+        // The light of the ground is that of the photograph, because clipped pixels on the ground are glints and
+        // lamps, whose recovered light does not depend on the light that falls on the ground.
+        let balance = Balance::of(
+            base.up,
+            width,
+            &base.alpha.samples,
+            |at| luminance_of(&pixels, at),
+            |at| f64::from(luminance(image.rgb(at % width, at / width))),
+        );
         match params.ground_albedo {
-            None => balance.report(&mut notes),
+            None => sky::report(&balance, &mut notes),
             Some(albedo) => {
-                if let Some(radiance) = balance.sky(albedo, &mut notes) {
+                if let Some(radiance) = sky::radiance(&balance, albedo, &mut notes) {
                     sky::add(radiance, base.up, &base.alpha, &mut image, &mut fused, &mut lights);
                 }
             }

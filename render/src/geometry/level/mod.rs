@@ -69,6 +69,12 @@ impl LevelEstimate {
         (0..3).find(|&k| self.up[k].abs() > 0.999).map(|k| NAMES[k][usize::from(self.up[k] > 0.0)])
     }
 
+    /// The point of the floor below the centre of the scene, in world units.
+    pub fn floor_point(&self) -> DVec3 {
+        let (up, centre) = (DVec3::from_array(self.up), DVec3::from_array(self.centre));
+        centre + up * (self.floor - centre.dot(up))
+    }
+
     /// True if `up` is reliable.
     pub fn is_sure(&self) -> bool {
         self.confidence >= SURE
