@@ -103,7 +103,16 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Radi
             ignored.push(text.clone());
         }
         if key == "FORMAT" && value != "32-bit_rle_rgbe" {
-            return Err(Error::unsupported(file, format!("the Radiance format `{value}`")));
+            let remedy = if value == "32-bit_rle_xyze" {
+                ", which stores CIE XYZ; `ra_xyze -r IN OUT` of Radiance writes RGB"
+            } else {
+                ""
+            };
+            return Err(Error::unsupported(file, format!("the Radiance format `{value}`{remedy}")));
+        }
+        // Radiance defines no gamma: its pictures are linear, and other programs leave the value out too.
+        if key.eq_ignore_ascii_case("GAMMA") && value.parse::<f64>() != Ok(1.0) {
+            ignored.push(text.clone());
         }
         if key == "EXPOSURE" {
             let value: f64 = match value {
@@ -385,6 +394,14 @@ mod tests {
             assert!(error.contains("which is not between 1e-12 and 1e12"), "{beyond}: {error}");
         }
         assert_eq!(of("EXPOSURE=1e-6\n").map(|p| p.rgb).unwrap_or_default(), [1e7, 2e7, 3e7]);
+        // Radiance defines no gamma.
+        for (head, ignored) in [("GAMMA=1.0\n", 0), ("GAMMA=2.2\n", 1), ("Gamma=2.2\n", 1)] {
+            let picture = of(head).unwrap_or_else(|e| panic!("{e}"));
+            assert_eq!((picture.rgb[0], picture.ignored.len()), (10.0, ignored), "{head}");
+        }
+        let xyz = String::from_utf8_lossy(&runs()).replace("rgbe", "xyze");
+        let refused = read("a.hdr", xyz.as_bytes()).err().map(|e| e.to_string()).unwrap_or_default();
+        assert!(refused.contains("ra_xyze -r"), "{refused}");
         let wide = "PRIMARIES= 0.708 0.292 0.170 0.797 0.131 0.046 0.3127 0.3290\n";
         assert_eq!(of(wide).ok().and_then(|p| p.primaries).map(|p| p[1]), Some([0.17, 0.797]));
         assert!(of("PRIMARIES=0.6 0.3\n").is_err());

@@ -98,6 +98,14 @@ fn receivers_are_read_from_obj_and_stl() {
         }
         assert_eq!(mesh("a.stl", &bytes).unwrap_or_else(|e| panic!("{e}")), words);
         assert!(mesh("a.stl", &bytes[..bytes.len() - 1]).is_err());
+        // Values after triangles, where some programs store colours, are reported.
+        let ids = |bytes: &[u8]| {
+            let (_, notes, _) = object(&[("a.stl", bytes)]).unwrap_or_else(|e| panic!("{e}"));
+            notes.iter().filter(|note| note.id == "colours-ignored").count()
+        };
+        assert_eq!(ids(&bytes), 0);
+        *bytes.last_mut().unwrap_or_else(|| unreachable!()) = 0x80;
+        assert_eq!(ids(&bytes), 1);
     }
 }
 

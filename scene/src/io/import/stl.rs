@@ -106,6 +106,13 @@ fn of_binary(
         notes.warning("bytes-left-over", what);
     }
     let body = bytes.get(HEADER..).unwrap_or_default();
+    let coloured = body.chunks_exact(TRIANGLE).take(count).filter(|row| row[48..] != [0, 0]).count();
+    if coloured > 0 {
+        let what = format!(
+            "`{name}` has a value after {coloured} of its triangles, where some programs store colours; STL does not define it, so the shape gets one colour: save it as PLY or GLB to keep its colours"
+        );
+        notes.warning("colours-ignored", what);
+    }
     for (at, row) in body.chunks_exact(TRIANGLE).take(count).enumerate() {
         if at % 65_536 == 0 {
             cx.check()?;

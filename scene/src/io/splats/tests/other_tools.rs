@@ -433,10 +433,27 @@ fn usd_is_read_as_its_grammar_and_its_stage_say() {
         let splats = "def ParticleField3DGaussianSplat \"T\" { point3f[] positions = [(7, 7, 7)] }\n";
         format!("{}{specifier} \"Other\" {settings}\n{{\n{splats}{body}}}\n", usda(metres, "", ""))
     };
-    assert_eq!(load(&second("def", "", "")).unwrap().0.len(), 3);
+    let (splats, notes) = load(&second("def", "", "")).unwrap();
+    assert_eq!(splats.len(), 3);
+    assert!(notes.iter().any(|note| note.id == "usd-no-colour"), "the second prim has no colours");
+    // Linear 0.214 is 0.5 of the display.
+    for (more, ids) in [
+        ("color3f[] primvars:displayColor = [(1, 0.21404114, 0)]", "usd-display-colour"),
+        ("uniform token purpose = \"render\"", "usd-no-colour"),
+    ] {
+        let text = second("def", "", "").replace("[(7, 7, 7)] }", &format!("[(7, 7, 7)]\n{more}\n}}"));
+        let (splats, notes) = load(&text).unwrap();
+        assert!(notes.iter().any(|note| note.id == ids), "{text}");
+        let colour = splats.sh[2 * splats.sh_len()].map(|c| 0.5 + c * SH_C0 as f32);
+        let wanted = if ids == "usd-no-colour" { [0.5; 3] } else { [1.0, 0.5, 0.0] };
+        near(&colour, &wanted, 1e-6);
+    }
+    let two = second("def", "", "").replace("[(7, 7, 7)] }", "[(7, 7, 7)]\ncolor3f[] primvars:displayColor = [(1, 1, 1), (0, 0, 0)]\n}");
+    assert!(load(&two).err().unwrap().message().contains("`primvars:displayColor` has 6 numbers for 1 splats"));
     for (specifier, settings, body) in [
         ("def Xform", "(active = false)", ""),
         ("def Xform", "", "token visibility = \"invisible\"\n"),
+        ("def Xform", "", "uniform token purpose = \"guide\"\n"),
         ("over", "", ""),
         ("class Xform", "", ""),
         ("def Xform", "(active = false)", "double xformOp:rotateX.timeSamples = { 0: 1 }\n"),
@@ -462,7 +479,7 @@ fn usd_is_read_as_its_grammar_and_its_stage_say() {
         ),
         (
             alone("ParticleField3DGaussianSplat \"A\" (active = false)"),
-            "are inactive, invisible or not defined",
+            "are inactive, invisible, guides, proxies or not defined",
         ),
         (
             alone("\"A\"").replace("metersPerUnit", "subLayers = [@b.usda@]\n metersPerUnit"),

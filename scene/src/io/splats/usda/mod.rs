@@ -1,7 +1,7 @@
 //! USD in text (`.usda`) with prims of `ParticleField3DGaussianSplat` (OpenUSD 26.03, `usdVol`): scales and
 //! opacities are activated, quaternions are w x y z, harmonics follow each other splat by splat. Prims that are
-//! inactive, invisible or not defined are skipped. References, variants and other layers are not followed, but
-//! reported.
+//! inactive, invisible, of the purpose `guide` or `proxy`, or not defined are skipped. Splats without harmonics have
+//! the colour `displayColor`. References, variants and other layers are not followed, but reported.
 
 mod prim;
 mod scan;
@@ -10,13 +10,14 @@ mod transform;
 use engine::{NodeError, Notes, Up};
 use glam::{DMat3, DMat4, DVec3};
 
-use self::prim::{COEFFICIENTS, FLATTEN, Field, PRIM, Stage};
+use self::prim::{COEFFICIENTS, DISPLAY_COLOUR, FLATTEN, Field, PRIM, Stage};
 use self::scan::Scan;
 use super::frame::Turn;
 use super::loaded::Loaded;
 use super::reading::Reading;
-use super::rows::{Row, RowFault, sh_rest};
+use super::rows::{Row, RowFault, SH_C0, sh_rest};
 use crate::error::Error;
+use crate::math::color::srgb_from_linear;
 use crate::types::frame::Similarity;
 
 /// First bytes of a file.
@@ -50,7 +51,7 @@ pub(super) fn load(
     let Stage { fields, hidden, elsewhere } = Stage::read(&mut scan, &settings)?;
     if hidden > 0 {
         let text = format!(
-            "prims of splats in `{file}` that are inactive, invisible or not defined are ignored (count: {hidden})"
+            "prims of splats in `{file}` that are inactive, invisible, guides, proxies or not defined are ignored (count: {hidden})"
         );
         notes.decision("usd-hidden", text);
     }
@@ -60,7 +61,7 @@ pub(super) fn load(
     }
     if fields.is_empty() {
         let what = if hidden > 0 {
-            format!("all prims of the type `{PRIM}` are inactive, invisible or not defined")
+            format!("all prims of the type `{PRIM}` are inactive, invisible, guides, proxies or not defined")
         } else {
             format!("the file has no prim of the type `{PRIM}`")
         };
@@ -81,6 +82,14 @@ pub(super) fn load(
         let turn = Turn::of_linear(linear, offset).ok_or_else(|| {
             Error::unsupported(file, "a transform of splats that scales unevenly or shears")
         })?;
+        if field.list(COEFFICIENTS).is_empty() {
+            let text = format!("splats of `{file}` have no spherical harmonics");
+            if field.list(DISPLAY_COLOUR).is_empty() {
+                notes.warning("usd-no-colour", format!("{text} and no `displayColor`; they are grey"));
+            } else {
+                notes.decision("usd-display-colour", format!("{text}; they have the colour `displayColor`"));
+            }
+        }
         let one = rows(file, field, &turn, reading)?;
         all = Some(match all {
             None => one,
@@ -114,6 +123,10 @@ fn rows(file: &str, field: &Field, turn: &Turn, reading: &Reading<'_>) -> Result
     let degree = field.degree.unwrap_or_else(|| (0..=4).find(|d| sh_rest(*d) + 1 == held).unwrap_or(0));
     whole(COEFFICIENTS, 3 * colours.len(), 3 * (sh_rest(degree) + 1))?;
     let each = sh_rest(degree) + 1;
+    let plain = list(DISPLAY_COLOUR).as_chunks::<3>().0;
+    if plain.len() > 1 {
+        whole(DISPLAY_COLOUR, 3 * plain.len(), 3)?;
+    }
     let parts = reading.rows(count, Some(turn), |index, sh| {
         let three = |list: &[f32], otherwise: f64| {
             let own = list.as_chunks::<3>().0.get(index);
@@ -121,7 +134,11 @@ fn rows(file: &str, field: &Field, turn: &Turn, reading: &Reading<'_>) -> Result
         };
         let quat = turns.as_chunks::<4>().0.get(index).map_or([1.0, 0.0, 0.0, 0.0], |q| q.map(f64::from));
         if colours.is_empty() {
-            sh.extend(std::iter::repeat_n([0.0; 3], each));
+            let colour = plain.get(index).or(plain.first()).map_or([0.0; 3], |colour| {
+                colour.map(|c| (srgb_from_linear(c) - 0.5) / SH_C0 as f32)
+            });
+            sh.push(colour);
+            sh.extend(std::iter::repeat_n([0.0; 3], each - 1));
         } else {
             sh.extend_from_slice(colours.get(index * each..(index + 1) * each).ok_or(RowFault::NoSuchEntry)?);
         }

@@ -14,8 +14,11 @@ pub(super) const PRIM: &str = "ParticleField3DGaussianSplat";
 pub(super) const FLATTEN: &str = "`usdcat --flatten` writes a file that contains everything";
 /// Attribute of the harmonics.
 pub(super) const COEFFICIENTS: &str = "radiance:sphericalHarmonicsCoefficients";
+/// Attribute of the linear colour of prims without harmonics: one for each splat, or one for all.
+pub(super) const DISPLAY_COLOUR: &str = "primvars:displayColor";
 /// Attributes of splats that are read. Each may have a form of half precision, whose name ends in `h`.
-const LISTS: [&str; 6] = ["positions", "points", "orientations", "scales", "opacities", COEFFICIENTS];
+const LISTS: [&str; 7] =
+    ["positions", "points", "orientations", "scales", "opacities", COEFFICIENTS, DISPLAY_COLOUR];
 /// Maximum depth of nested prims.
 const DEEPEST: usize = 256;
 /// Settings of a file or prim that bring in data from other files or prims.
@@ -249,7 +252,7 @@ fn attribute<'a>(scan: &mut Scan<'a>, first: &'a str, prim: Option<&mut Prim>) -
     let list = LISTS.contains(&plain) || plain.strip_suffix('h').is_some_and(|name| LISTS.contains(&name));
     let splats = prim.kind == PRIM && (list || plain == "radiance:sphericalHarmonicsDegree");
     let operation = plain.starts_with("xformOp:");
-    if animated && (splats || operation || plain == "visibility") {
+    if animated && (splats || operation || matches!(plain, "visibility" | "purpose")) {
         prim.fault = Some("animated USD splats; save a single frame".to_owned());
     }
     if animated {
@@ -259,6 +262,9 @@ fn attribute<'a>(scan: &mut Scan<'a>, first: &'a str, prim: Option<&mut Prim>) -
         prim.order = scan.strings()?;
     } else if plain == "visibility" {
         prim.hidden |= scan.value()?.trim_matches(['"', '\'']) == "invisible";
+    } else if plain == "purpose" {
+        // Renderers draw the purposes `default` and `render`; `proxy` and `guide` stand in for them while editing.
+        prim.hidden |= matches!(scan.value()?.trim_matches(['"', '\'']), "proxy" | "guide");
     } else if operation {
         match scan.numbers()? {
             Some(values) => drop(prim.operations.insert(plain.to_owned(), values)),
