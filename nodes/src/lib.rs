@@ -96,5 +96,6 @@ fn built_in() -> Registry {
         KindEntry::of::<write_lut::WriteLut>(),
         KindEntry::of::<write_mesh::WriteMesh>(),
         KindEntry::of::<write_report::WriteReport>(),
+        KindEntry::of::<write_splats::WriteSplats>(),
     ])
 }

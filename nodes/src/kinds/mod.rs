@@ -48,3 +48,4 @@ pub mod write_image;
 pub mod write_lut;
 pub mod write_mesh;
 pub mod write_report;
+pub mod write_splats;

@@ -44,7 +44,7 @@ impl OpenJd {
         if !external.is_empty() {
             return Err(Error::usage(format!(
                 "{} run programs that are installed on this machine, which a farm must not run; write their results \
-                 to files (`WriteMesh`, `lightharmony convert`) and load these in the graph of the job",
+                 to files (`WriteMesh`, `WriteSplats`) and load these in the graph of the job",
                 external.join(", ")
             )));
         }
