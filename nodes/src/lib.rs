@@ -52,6 +52,7 @@ pub fn registry() -> Registry {
 fn built_in() -> Registry {
     Registry::new(vec![
         KindEntry::of::<alpha_shadow::AlphaShadow>(),
+        KindEntry::of::<bake_shadow::BakeShadow>(),
         KindEntry::of::<camera::Camera>(),
         KindEntry::of::<compare::Compare>(),
         KindEntry::of::<composite::Composite>(),

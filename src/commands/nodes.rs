@@ -45,6 +45,7 @@ const STAGES: [(&str, &[&str]); 7] = [
         "render",
         &[
             "alpha-shadow",
+            "bake-shadow",
             "composite",
             "denoise",
             "path-trace",

@@ -4,6 +4,7 @@
 //! several kinds need is in one of the shared modules (`render`, `geometry`, `light`, `io`, `types`, `math`).
 
 pub mod alpha_shadow;
+pub mod bake_shadow;
 pub mod camera;
 pub mod compare;
 pub mod composite;

@@ -88,6 +88,7 @@ impl TraceInputs {
             objects: self.objects.clone(),
             rig: self.rig.clone(),
             env: self.env.clone(),
+            points: None,
         };
         let (traced, _) = PathTrace::run(params, inputs, &cx).unwrap();
         let pair = shadow_ratio::In { without: traced.without.clone(), with: traced.with.clone() };

@@ -131,6 +131,7 @@ impl Case {
                 objects: if with { vec![self.object.clone()] } else { Vec::new() },
                 rig,
                 env: self.env.clone(),
+                points: None,
             };
             let cx = self.data.with_seed(seed).context();
             let start = thread_seconds();

@@ -46,6 +46,7 @@ impl Direct {
             objects: vec![Arc::new(block())],
             rig: Arc::new(Rig { cameras: vec![camera.clone()] }),
             env: Arc::new(sky.clone()),
+            points: None,
         };
         let cx =
             Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 5, exhaustive: false }, ".");

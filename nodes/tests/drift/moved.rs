@@ -114,7 +114,7 @@ impl World {
         let placed = Place::run(&Place {}, placed, &cx).unwrap().0.placed;
         let background = draw(&rig).colour;
         let trace = PathTrace { samples: 4, ..PathTrace::default() };
-        let inputs = path_trace::In { receiver, objects: vec![placed], rig, env: light.env };
+        let inputs = path_trace::In { receiver, objects: vec![placed], rig, env: light.env, points: None };
         let trace = PathTrace::run(&trace, inputs, &cx).unwrap().0;
         let pair = shadow_ratio::In { without: trace.without.clone(), with: trace.with.clone() };
         let shadow = ShadowRatio::run(&ShadowRatio::default(), pair, &cx).unwrap().0.shadow;

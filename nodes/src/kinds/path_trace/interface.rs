@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use scene::types::{Environment, Images, Mesh, Placed, Report, Rig};
+use scene::types::{Environment, Images, Mesh, Placed, Report, Rig, Splats};
 
 use super::surroundings::Surroundings;
 
@@ -70,6 +70,9 @@ engine::inputs! {
         rig: Arc<Rig>,
         /// The environment light.
         env: Arc<Environment>,
+        /// Splats that lie on the receiver. If they are given, the pixels of `without` and `with` are not those of the
+        /// camera in `rig`, but one for each splat, for `bake-shadow`.
+        points: Option<Arc<Splats>>,
     }
 }
 

@@ -23,7 +23,9 @@ use render::transport::path::guide;
 use render::transport::picture::accumulator::{FinishedView, TargetError};
 use render::transport::picture::film::{self, CROSS, FIRST_HIT, PAIR, R0};
 use render::transport::picture::prepared::PreparedScene;
+use render::transport::picture::splat_rays::SplatRays;
 use render::transport::picture::tracing::{Settings, Tracing};
+use render::transport::scene::aabb::Aabb;
 use render::transport::scene::block::Block;
 use render::transport::scene::frame::in_scene_frame;
 use render::transport::scene::objects::Objects;
@@ -39,6 +41,9 @@ use reporting::{
     report_unseen, report_unseen_places, report_views,
 };
 use surroundings::Surroundings;
+
+/// Maximum distance between a splat and the receiver on which it lies, as a multiple of the size of the largest object.
+const REACH: f32 = 0.1;
 
 impl PathTrace {
     /// Target error. `None` for a coarse picture, which is a preview that must be fast.
@@ -81,6 +86,13 @@ impl PathTrace {
         }
         if inputs.rig.cameras.is_empty() {
             return Err(NodeError::from(Error::Mismatch("the rig has no camera".to_owned())).at("rig"));
+        }
+        if inputs.points.is_some() && inputs.rig.cameras.len() != 1 {
+            let text = format!(
+                "with `points`, the rig must have one camera, but it has {}",
+                inputs.rig.cameras.len()
+            );
+            return Err(NodeError::new(text).at("rig").hint("pick one with `pick-cameras`"));
         }
         if self.surroundings == Surroundings::Projected && inputs.env.origin.is_none() {
             let hint = "set `origin` of `load-environment`, or leave `surroundings` at `Auto`";
@@ -167,7 +179,8 @@ impl Kind for PathTrace {
             inputs.objects.iter().flat_map(|o| &o.object.primitives).map(|p| p.triangles.len()).sum();
         // Running sums in f64, one chunk and its tiles in f32, and the finished images.
         let pixel_bytes = ((R0 + PAIR + CROSS) * 8 + (R0 + PAIR + FIRST_HIT) * 4 * 2 + 20 * 4) as u64;
-        let pixels = pixels.fold(0, u64::saturating_add);
+        let points = inputs.points.as_ref().map_or(0, |splats| splats.len() as u64);
+        let pixels = pixels.fold(points, u64::saturating_add);
         let sky = inputs.env.image.samples.len() as u64;
         Cost::of([
             (pixels, pixel_bytes),
@@ -240,13 +253,25 @@ impl Kind for PathTrace {
         report_standing(&standing, (cx.metres_per_unit(), params.contact_metres), &mut notes);
         report_first_samples(params.samples, params.most(), &mut notes);
 
-        let tracing =
-            Tracing::new(params.settings(cx.exhaustive()), cx, (&prepared, cameras), &objects, rules)?;
+        // A splat belongs to the ground up to a tenth of the largest object above it, as in the output `nearest`.
+        let reach = REACH * objects.boxes().iter().map(Aabb::size).fold(0.0, f32::max);
+        let space = (origin, in_scene_frame(cameras[0].eye(), origin));
+        let points = inputs.points.as_deref();
+        let points = points.map(|splats| SplatRays::new(splats, receiver, space, reach, cx)).transpose()?;
+        let points_camera = points.as_ref().map(|points| {
+            cx.count("splats_on_receiver", points.on_receiver);
+            let (width_px, height_px) = points.size;
+            [Camera { width_px, height_px, ..cameras[0].clone() }]
+        });
+        let cameras = points_camera.as_ref().map_or(&cameras[..], |camera| &camera[..]);
+        let settings = params.settings(cx.exhaustive());
+        let tracing = Tracing::new(settings, cx, (&prepared, cameras), &objects, rules)?;
+        let tracing = tracing.to_splats(points.as_ref());
         let traced = |(number, camera)| tracing.picture(number, camera);
         let views = cameras.iter().enumerate().map(traced).collect::<Result<Vec<_>, _>>()?;
         let boxes = objects.boxes();
         // A coarse preview may miss small objects.
-        let looks = params.coarse_px == 1 && !params.shadow_only;
+        let looks = params.coarse_px == 1 && !params.shadow_only && points.is_none();
         let backs = |(camera, view): (_, &FinishedView)| match looks && !view.shows_objects() {
             true => unseen::shows_backs(&tracing, camera),
             false => Ok(false),

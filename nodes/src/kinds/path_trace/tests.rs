@@ -24,6 +24,7 @@ mod lamps;
 mod materials;
 mod media;
 mod near_field;
+mod points;
 mod receiver_paths;
 mod samplers;
 mod sampling;
@@ -154,6 +155,7 @@ fn render_in(
         objects: objects.to_vec(),
         rig: rig.clone(),
         env: Arc::new(env.clone()),
+        points: None,
     };
     PathTrace::run(params, inputs, cx).expect("renders")
 }

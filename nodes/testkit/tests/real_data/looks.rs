@@ -59,6 +59,7 @@ fn render(path: &str, scale: f64, at: DVec3, rig: Rig, samples: u32) -> (Vec<f32
         objects: vec![Arc::new(Placed { object, world_from_object: world })],
         rig: Arc::new(rig),
         env,
+        points: None,
     };
     let (out, _) = PathTrace::run(&params, inputs, &data.context()).unwrap();
     (out.object.0[0].picture.samples().to_vec(), notes)

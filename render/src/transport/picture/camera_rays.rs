@@ -7,6 +7,7 @@ use scene::types::Camera;
 use serde::Serialize;
 
 use super::silhouette::Silhouette;
+use super::splat_rays::SplatRays;
 use crate::geometry::bvh::Ray;
 use crate::geometry::sampling::{Points, hash, stream};
 use crate::transport::path::guide::Guide;
@@ -46,6 +47,8 @@ pub struct CameraRays<'a> {
     pub(crate) ground: &'a Ground,
     /// Guide of the light samples of the receiver.
     guide: Arc<Option<Guide>>,
+    /// Rays to splats in place of those of the camera, one per pixel.
+    splats: Option<&'a SplatRays>,
     /// Side, in pixels, of the square blocks into which the image is divided. One pixel of each block is traced.
     coarse_px: u32,
     /// Silhouette of the objects, computed on first use.
@@ -66,6 +69,7 @@ impl<'a> CameraRays<'a> {
             seed,
             ground,
             guide: Arc::new(None),
+            splats: None,
             coarse_px,
             silhouette: OnceLock::new(),
         }
@@ -74,6 +78,11 @@ impl<'a> CameraRays<'a> {
     /// Chooses the light samples of the receiver by a guide.
     pub fn guided(self, guide: Arc<Option<Guide>>) -> Self {
         Self { guide, ..self }
+    }
+
+    /// Replaces the rays of the camera, whose image must have the size of that of `splats`.
+    pub(crate) fn to_splats(self, splats: Option<&'a SplatRays>) -> Self {
+        Self { splats, ..self }
     }
 
     /// Guide of the light samples of the receiver.
@@ -99,6 +108,9 @@ impl<'a> CameraRays<'a> {
 
     /// Ray through a position in the image.
     pub fn through(&self, x: f64, y: f64) -> Ray {
+        if let Some(splats) = self.splats {
+            return splats.of((x as u32, y as u32));
+        }
         let Camera { fx, fy, cx, cy, .. } = *self.camera;
         let [right, down, forward] = self.axes;
         let direction = right * ((x - cx) / fx) + down * ((y - cy) / fy) + forward;
@@ -110,7 +122,7 @@ impl<'a> CameraRays<'a> {
     #[inline]
     pub fn may_show(&self, objects: &Objects, block: (u32, u32)) -> bool {
         let whole = || Silhouette::of(objects, self.camera, self.eye, self.axes);
-        objects.shown && self.silhouette.get_or_init(whole).holds(self.pixel(block))
+        objects.shown && self.splats.is_none() && self.silhouette.get_or_init(whole).holds(self.pixel(block))
     }
 
     /// Random points, hash key and camera ray of one sample of the pixel that represents `block`. The position of

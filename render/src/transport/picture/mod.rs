@@ -17,6 +17,7 @@ pub mod prepared;
 pub mod r0;
 pub(crate) mod sample_plan;
 pub(crate) mod silhouette;
+pub mod splat_rays;
 pub(crate) mod sums;
 pub mod tile;
 pub(crate) mod tile_bounds;

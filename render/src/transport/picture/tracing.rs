@@ -20,6 +20,7 @@ use super::pair::{PairTile, trace_pair};
 use super::prepared::PreparedScene;
 use super::r0::trace_r0;
 use super::sample_plan::ErrorGoal;
+use super::splat_rays::SplatRays;
 use super::tile::Tile;
 use crate::transport::path::guide::{Guide, LEARNT_PATHS};
 use crate::transport::path::integrator::Scene;
@@ -49,6 +50,9 @@ struct Extra<'a> {
     shadow_only: bool,
     /// True if absent lobes are evaluated. This is part of the key, so that such a run does not reuse stored parts.
     every_lobe: bool,
+    /// Reach of the rays to splats, if the pixels are splats.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    reach: Option<f32>,
 }
 
 /// Settings of tracing.
@@ -82,6 +86,7 @@ pub struct Tracing<'a> {
     rules: &'a Rules,
     light_points: Option<Arc<LightPoints>>,
     crop: OnceLock<Result<Crop, &'static str>>,
+    splats: Option<&'a SplatRays>,
 }
 
 impl<'a> Tracing<'a> {
@@ -98,7 +103,22 @@ impl<'a> Tracing<'a> {
     ) -> Result<Self, NodeError> {
         let near = rules.near.filter(|_| !objects.is_empty());
         let light_points = near.map(|eye| prepared.light_points(eye)).transpose()?;
-        Ok(Self { settings, cx, prepared, cameras, objects, rules, light_points, crop: OnceLock::new() })
+        let crop = OnceLock::new();
+        Ok(Self { settings, cx, prepared, cameras, objects, rules, light_points, crop, splats: None })
+    }
+
+    /// Traces rays to splats in place of those of the only camera. The splats are the input `points` of the node.
+    pub fn to_splats(self, splats: Option<&'a SplatRays>) -> Self {
+        Self { splats, ..self }
+    }
+
+    /// The inputs of a part, which are `with_points` if the pixels are splats.
+    fn inputs(
+        &self,
+        plain: &'static [&'static str],
+        with_points: &'static [&'static str],
+    ) -> &'static [&'static str] {
+        if self.splats.is_some() { with_points } else { plain }
     }
 
     /// The scene as integrators see it.
@@ -126,12 +146,15 @@ impl<'a> Tracing<'a> {
     /// Rays of a camera, one for each block of `coarse_px` x `coarse_px` pixels.
     pub fn camera_rays<'s>(&'s self, camera: &'s Camera, coarse_px: u32) -> CameraRays<'s> {
         CameraRays::new(camera, self.prepared.origin, self.cx.seed(), &self.objects.ground, coarse_px)
+            .to_splats(self.splats)
     }
 
     /// Guide of the light samples of the receiver, as a camera sees it. `None` if a guide is of no use.
     fn guide(&self, camera: &Camera) -> Result<Arc<Option<Guide>>, NodeError> {
-        let part = Part { name: "guide", version: 2, inputs: &["receiver", "env"] };
-        let extra = (CameraParams::of(camera), self.rules, self.prepared.origin.to_array());
+        let inputs = self.inputs(&["receiver", "env"], &["receiver", "env", "points"]);
+        let part = Part { name: "guide", version: 2, inputs };
+        let reach = self.splats.map(|splats| splats.reach);
+        let extra = (CameraParams::of(camera), self.rules, self.prepared.origin.to_array(), reach);
         let bytes = |guide: &Option<Guide>| guide.as_ref().map_or(0, Guide::bytes);
         self.cx.in_memory(part, &extra, bytes, || {
             let camera_rays = self.camera_rays(camera, 1);
@@ -154,6 +177,7 @@ impl<'a> Tracing<'a> {
             crop: None,
             shadow_only: false,
             every_lobe: false,
+            reach: self.splats.map(|splats| splats.reach),
         }
     }
 
@@ -185,14 +209,17 @@ impl<'a> Tracing<'a> {
     ) -> Result<(), NodeError> {
         let (cx, camera) = (self.cx, camera_rays.camera);
         let ahead = Cell::new(None);
-        let part = Part { name: "r0", version: 13, inputs: &["receiver", "env"] };
+        let inputs = self.inputs(&["receiver", "env"], &["receiver", "env", "points"]);
+        let part = Part { name: "r0", version: 13, inputs };
         let r0 = cx.part(part, &self.of_receiver(camera, area, range), || {
             let (r0, pair) = self.trace_both(camera_rays, (area, range), step)?;
             ahead.set(pair);
             Ok(r0)
         })?;
         expect_size(&r0, area, R0)?;
-        let part = Part { name: "pair", version: 23, inputs: &["receiver", "objects", "env"] };
+        let plain = &["receiver", "objects", "env"];
+        let inputs = self.inputs(plain, &["receiver", "objects", "env", "points"]);
+        let part = Part { name: "pair", version: 23, inputs };
         let pair =
             cx.part(part, &self.of_objects(camera, area, range, self.limit()), || match ahead.take() {
                 Some(pair) => {
@@ -266,7 +293,8 @@ impl<'a> Tracing<'a> {
     /// First hits of the pixels of an image.
     fn first_hits(&self, camera_rays: &CameraRays<'_>, area: Area) -> Result<Arc<Sums>, NodeError> {
         let places = self.places();
-        let part = Part { name: "front", version: 12, inputs: &["receiver", "objects"] };
+        let inputs = self.inputs(&["receiver", "objects"], &["receiver", "objects", "points"]);
+        let part = Part { name: "front", version: 12, inputs };
         let extra = self.of_objects(camera_rays.camera, area, (0, places), None);
         let front = self.cx.part(part, &extra, || {
             let scene = self.scene();

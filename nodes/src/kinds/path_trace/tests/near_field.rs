@@ -285,7 +285,13 @@ fn a_near_light_that_is_far_shines_through_bodies_as_a_far_one() {
 // A point of capture is needed.
 #[test]
 fn nowhere_is_refused() {
-    let inputs = In { receiver: Arc::new(room()), objects: vec![], rig: inside(), env: Arc::new(white()) };
+    let inputs = In {
+        receiver: Arc::new(room()),
+        objects: vec![],
+        rig: inside(),
+        env: Arc::new(white()),
+        points: None,
+    };
     let error = PathTrace::run(&near(1), inputs, &context()).err().expect("no origin");
     assert!(error.to_string().contains("point of capture"), "{error}");
 }

@@ -448,8 +448,11 @@ fn usd_is_read_as_its_grammar_and_its_stage_say() {
         let wanted = if ids == "usd-no-colour" { [0.5; 3] } else { [1.0, 0.5, 0.0] };
         near(&colour, &wanted, 1e-6);
     }
-    let two = second("def", "", "").replace("[(7, 7, 7)] }", "[(7, 7, 7)]\ncolor3f[] primvars:displayColor = [(1, 1, 1), (0, 0, 0)]\n}");
-    assert!(load(&two).err().unwrap().message().contains("`primvars:displayColor` has 6 numbers for 1 splats"));
+    let two = second("def", "", "")
+        .replace("[(7, 7, 7)] }", "[(7, 7, 7)]\ncolor3f[] primvars:displayColor = [(1, 1, 1), (0, 0, 0)]\n}");
+    assert!(
+        load(&two).err().unwrap().message().contains("`primvars:displayColor` has 6 numbers for 1 splats")
+    );
     for (specifier, settings, body) in [
         ("def Xform", "(active = false)", ""),
         ("def Xform", "", "token visibility = \"invisible\"\n"),

@@ -134,9 +134,10 @@ fn rows(file: &str, field: &Field, turn: &Turn, reading: &Reading<'_>) -> Result
         };
         let quat = turns.as_chunks::<4>().0.get(index).map_or([1.0, 0.0, 0.0, 0.0], |q| q.map(f64::from));
         if colours.is_empty() {
-            let colour = plain.get(index).or(plain.first()).map_or([0.0; 3], |colour| {
-                colour.map(|c| (srgb_from_linear(c) - 0.5) / SH_C0 as f32)
-            });
+            let colour = plain
+                .get(index)
+                .or(plain.first())
+                .map_or([0.0; 3], |colour| colour.map(|c| (srgb_from_linear(c) - 0.5) / SH_C0 as f32));
             sh.push(colour);
             sh.extend(std::iter::repeat_n([0.0; 3], each - 1));
         } else {
