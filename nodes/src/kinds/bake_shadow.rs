@@ -170,8 +170,8 @@ mod tests {
                 if encoding == SplatEncoding::Srgb { linear_from_srgb(colour) } else { colour }
             };
             for i in 0..scene.len() {
-                for c in 0..3 {
-                    let wanted = if [3, 77].contains(&i) { factor[c] } else { 1.0 } * light(&scene, i, c);
+                for (c, factor) in factor.into_iter().enumerate() {
+                    let wanted = if [3, 77].contains(&i) { factor } else { 1.0 } * light(&scene, i, c);
                     assert!((light(&baked, i, c) - wanted).abs() < 1e-6, "{i} {c}");
                 }
             }
@@ -187,7 +187,7 @@ mod tests {
         let scene = scene(SplatEncoding::Srgb);
         let mut other = scene.clone();
         other.means.truncate(60);
-        let error = bake(&scene, ratio(&other, &[], [1.0; 3]), 1.0).err().expect("is refused");
+        let error = bake(&scene, ratio(&other, &[], [1.0; 3]), 1.0).expect_err("is refused");
         assert!(error.message().contains("these 100 splats"), "{error}");
     }
 }

@@ -119,7 +119,7 @@ mod tests {
             let error = WriteSplats::check(&WriteSplats { path: OutputFile(path.to_owned()) }).err();
             assert!(error.is_some_and(|error| error.message().contains(says)), "{path}");
         }
-        let error = written(&Splats::empty(), "a.ply").err().expect("is refused");
+        let error = written(&Splats::empty(), "a.ply").expect_err("is refused");
         assert!(error.message().contains("no splats"), "{error}");
     }
 }

@@ -266,7 +266,7 @@ impl Kind for PathTrace {
         let cameras = points_camera.as_ref().map_or(&cameras[..], |camera| &camera[..]);
         let settings = params.settings(cx.exhaustive());
         let tracing = Tracing::new(settings, cx, (&prepared, cameras), &objects, rules)?;
-        let tracing = tracing.to_splats(points.as_ref());
+        let tracing = tracing.with_splats(points.as_ref());
         let traced = |(number, camera)| tracing.picture(number, camera);
         let views = cameras.iter().enumerate().map(traced).collect::<Result<Vec<_>, _>>()?;
         let boxes = objects.boxes();

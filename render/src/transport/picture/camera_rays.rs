@@ -81,7 +81,7 @@ impl<'a> CameraRays<'a> {
     }
 
     /// Replaces the rays of the camera, whose image must have the size of that of `splats`.
-    pub(crate) fn to_splats(self, splats: Option<&'a SplatRays>) -> Self {
+    pub(crate) fn with_splats(self, splats: Option<&'a SplatRays>) -> Self {
         Self { splats, ..self }
     }
 

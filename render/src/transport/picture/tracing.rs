@@ -108,7 +108,7 @@ impl<'a> Tracing<'a> {
     }
 
     /// Traces rays to splats in place of those of the only camera. The splats are the input `points` of the node.
-    pub fn to_splats(self, splats: Option<&'a SplatRays>) -> Self {
+    pub fn with_splats(self, splats: Option<&'a SplatRays>) -> Self {
         Self { splats, ..self }
     }
 
@@ -146,7 +146,7 @@ impl<'a> Tracing<'a> {
     /// Rays of a camera, one for each block of `coarse_px` x `coarse_px` pixels.
     pub fn camera_rays<'s>(&'s self, camera: &'s Camera, coarse_px: u32) -> CameraRays<'s> {
         CameraRays::new(camera, self.prepared.origin, self.cx.seed(), &self.objects.ground, coarse_px)
-            .to_splats(self.splats)
+            .with_splats(self.splats)
     }
 
     /// Guide of the light samples of the receiver, as a camera sees it. `None` if a guide is of no use.
