@@ -26,7 +26,7 @@ pub struct Fit {
     /// Pixels that show the back of the mesh, as a share of all pixels.
     pub backs: f64,
     /// Share of the silhouettes of the splats at which the mesh has a silhouette, and share of the silhouettes of
-    /// the mesh at which the splats have one. `None` for a view without such silhouettes. See [`silhouettes`].
+    /// the mesh at which the splats have one. `None` for a view without such silhouettes.
     pub silhouettes: [Option<f64>; 2],
 }
 

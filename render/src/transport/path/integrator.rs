@@ -258,7 +258,7 @@ impl<'a> Integrator<'a> {
     }
 
     /// Throughput after Russian roulette. `None` if the path ends. The factor `share` of the throughput (see
-    /// [`PathState::share`]) has no effect on the survival probability.
+    /// `PathState::share`) has no effect on the survival probability.
     pub fn russian_roulette(&self, bounce: u32, throughput: Vec3, share: f32) -> Option<Vec3> {
         russian_roulette(&self.pass.points, bounce, throughput, share)
     }
