@@ -43,7 +43,8 @@ def graph_of(nodes, splats, receiver, more, middle, distance, height, cameras, s
     text += f'''
         first:  Camera(eye: {middle[0], middle[1] - distance, middle[2] + height}, target: {middle}, width_px: 480, height_px: 320),
         at:     PathTrace({trace}, rig: "first", points: "{splats}", samples: {samples[0]}, shadow_only: true),
-        ratio:  ShadowRatio(without: "at.without", with: "at.with"),
+        calm:   Denoise(without: "at.without", with: "at.with", object: "at.object", depth: "at.depth", normal: "at.normal", variance: "at.variance", points: "{splats}"),
+        ratio:  ShadowRatio(without: "calm.without", with: "calm.with"),
         baked:  BakeShadow(splats: "{splats}", shadow: "ratio"),
         file:   WriteSplats(splats: "baked", path: "baked.ply"),'''
     for i in range(cameras):

@@ -172,6 +172,7 @@ pub struct Traced {
 /// Denoises the layers of a trace with default parameters. Also returns the CPU seconds of this thread.
 pub fn denoised(out: &path_trace::Out, data: &Data) -> (denoise::Out, f64) {
     let inputs = denoise::In {
+        points: None,
         without: Arc::clone(&out.without),
         with: Arc::clone(&out.with),
         object: Arc::clone(&out.object),

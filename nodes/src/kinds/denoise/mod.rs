@@ -4,6 +4,7 @@ mod firefly;
 mod means;
 mod method;
 mod oidn;
+mod points;
 mod view;
 
 use std::sync::Arc;
@@ -12,7 +13,7 @@ use engine::{Context, Cost, Kind, NodeError, Notes, SourceFile, SourceRoot};
 use means::{Field, Reach, VALUES};
 pub use method::Method;
 use scene::types::layers::{linear, matching};
-use scene::types::{Image, Images, Linear, NamedImage, Picture};
+use scene::types::{Image, Images, Linear, NamedImage, Picture, Splats};
 use view::{ViewLayers, known};
 
 engine::params! {
@@ -56,6 +57,9 @@ engine::inputs! {
         normal: Arc<Images>,
         /// Variance of the other layers. The last channel is the variance of the ratio.
         variance: Arc<Images>,
+        /// The splats, if they are the `points` of `path-trace`. Then neighbours in space are averaged, not neighbours in
+        /// the image; `method` and `radius_px` have no effect.
+        points: Option<Arc<Splats>>,
     }
 }
 engine::outputs! {
@@ -169,7 +173,9 @@ impl Kind for Denoise {
         let sizes = inputs.without.0.iter().map(|view| view.picture.size());
         let pixels: usize = sizes.map(|(width, height, _)| width * height).sum();
         // Copies of three layers of every view; fields, averages and their copies for one view at a time.
-        Cost::of([(pixels as u64, 10 * 4 + 200), (params.method.bytes(pixels), 1)])
+        // For each splat, itself, its neighbours, and sums.
+        let points = inputs.points.as_ref().map_or(0, |splats| splats.len() as u64);
+        Cost::of([(pixels as u64, 10 * 4 + 200), (params.method.bytes(pixels), 1), (points, 480)])
     }
 
     fn check(params: &Self) -> Result<(), NodeError> {
@@ -199,7 +205,10 @@ impl Kind for Denoise {
                 normal: guide(&inputs.normal, "normal", name, size, 3)?,
                 variance: guide(&inputs.variance, "variance", name, size, 4)?,
             };
-            let (images, found, blind) = params.view(&layers, cx)?;
+            let (images, found, blind) = match &inputs.points {
+                Some(splats) => (points::filter(splats, &layers, params.strength, cx)?, 0, false),
+                None => params.view(&layers, cx)?,
+            };
             fireflies += found;
             if blind {
                 let text = "`variance` is 0 everywhere, which happens if each pixel has 1 sample, so nothing is filtered";

@@ -52,6 +52,7 @@ fn noisy(seed: u32) -> In {
     }
     let one = |picture: Picture| Arc::new(Images::single("v", picture));
     In {
+        points: None,
         without: one(without.into()),
         with: one(with.into()),
         object: one(object.into()),
@@ -330,6 +331,7 @@ fn a_variance_of_nothing_is_reported() {
     let Picture::Linear(object) = input.object.0[0].picture.clone() else { panic!("is linear") };
     let none = Image::<Linear>::new(object.width, object.height, 4);
     let bare = In {
+        points: None,
         with: input.without.clone(),
         without: input.without.clone(),
         object: Arc::new(Images::single("v", Picture::from(none))),
