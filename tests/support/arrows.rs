@@ -100,9 +100,7 @@ pub fn circles(imports: &Imports) -> Vec<Vec<String>> {
 
 /// The paths below the root of the crate that the code of a file names, in `use` items and elsewhere.
 fn paths_named(module: &str, text: &str) -> BTreeSet<String> {
-    let code = text.split("#[cfg(test)]\nmod tests").next().unwrap_or_default();
-    let code = code.split("#[cfg(test)]\npub(crate) mod tests").next().unwrap_or_default();
-    let code = code.split("#[cfg(test)]\n#[allow(clippy::unwrap_used").next().unwrap_or_default();
+    let code = without_tests(text);
     let code: String =
         code.lines().map(|line| line.split("//").next().unwrap_or_default()).collect::<Vec<_>>().join("\n");
     let code = without_visibility(&code);
@@ -140,6 +138,17 @@ fn paths_named(module: &str, text: &str) -> BTreeSet<String> {
         }
     }
     paths
+}
+
+/// The text before the unit tests in a file. A declaration of a module in another file, `mod tests;`, ends nothing.
+fn without_tests(text: &str) -> &str {
+    const MARK: &str = "#[cfg(test)]\n";
+    let is_module = |at: usize| {
+        let line = text[at + MARK.len()..].lines().find(|line| !line.starts_with("#[")).unwrap_or_default();
+        line.trim_start_matches("pub(crate) ").starts_with("mod ") && line.ends_with('{')
+    };
+    let end = text.match_indices(MARK).map(|(at, _)| at).find(|at| is_module(*at));
+    &text[..end.unwrap_or(text.len())]
 }
 
 /// The names of the modules that a file declares, except modules within braces.
@@ -187,16 +196,17 @@ fn read_tree<'t>(text: &'t str, above: &str, paths: &mut BTreeSet<String>) -> &'
     }
 }
 
-/// The imports of a crate are read correctly: every form of a path, one import that goes up, and one circle.
+/// The imports of a crate are read correctly: every form of a path, also after the declaration of tests, one import that goes up, and one circle.
 #[test]
 fn arrows_are_read() {
     let text = "//! crate::docs::no\nuse crate::a::{self, b::C, d::{E, F as G}};\nuse super::near;\n\
         fn f() -> crate::up::X { $crate::macros::no(); super::super::root(); }\nmod inner;\npub(crate) mod open;\n\
         use inner::{I, J};\npub(in super::super) fn g() { open::k(); a::inner::no(); self::l() }\n\
-        #[cfg(test)]\nmod tests { use crate::t; }";
+        #[cfg(test)]\n#[allow(x)]\nmod tests;\nuse crate::late::L;\n\
+        #[cfg(test)]\n#[allow(x)]\nmod tests {\nuse crate::t;\n}";
     let named = paths_named("room/file", text);
     let own = ["inner::I", "inner::J", "open::k", "l"].map(|path| format!("room::file::{path}"));
-    let wanted = ["a::self", "a::b::C", "a::d::E", "a::d::F", "room::near", "up::X", "root"];
+    let wanted = ["a::self", "a::b::C", "a::d::E", "a::d::F", "room::near", "up::X", "root", "late::L"];
     let wanted = wanted.map(String::from).into_iter().chain(own);
     assert_eq!(named, wanted.collect());
     let file = |paths: &[&str]| paths.iter().map(|path| (*path).to_owned()).collect();

@@ -79,7 +79,7 @@ def psnr(folder, name, count):
 
 def main():
     os.makedirs(WORK, exist_ok=True)
-    cameras, samples = (2, (4, 4)) if SMALL else (8, (32, 256))
+    cameras, samples = (2, (4, 4)) if SMALL else (5, (32, 128))
     print("| place | shadow, dB: baked, mean (lowest) | unbaked | rest, dB: baked | unbaked |\n|---|---|---|---|---|")
     for name, *place in PLACES:
         folder = os.path.join(WORK, name)

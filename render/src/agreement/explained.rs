@@ -4,10 +4,10 @@ use engine::{Context, NodeError};
 use scene::types::frame::Similarity;
 
 use super::cloud::Cloud;
+use super::place::{CapturedPlace, DEBRIS, MISSING, TOLERANCE, matrix};
 use super::regions::{self, Regions};
 use super::sight::Sight;
 use super::spots::{Agreement, Spots};
-use super::{CapturedPlace, DEBRIS, MISSING, TOLERANCE, matrix};
 
 /// Comparison of the transformed mesh with the splats.
 pub(super) struct Explained {

@@ -13,6 +13,7 @@ mod explained;
 mod eyes;
 mod fit;
 mod moved;
+mod place;
 mod raster;
 mod rated;
 mod regions;
@@ -26,13 +27,15 @@ mod tests;
 
 use engine::{Context, NodeError};
 use glam::{DMat3, DMat4, DVec3};
+use scene::types::Camera;
 use scene::types::frame::Similarity;
-use scene::types::{Camera, Mesh, Splats};
 
 use crate::geometry::level::{self, LevelEstimate};
 use cloud::{Cloud, Placed};
 pub use moved::{Likely, Moved};
 use moved::{SHIFTED, SHIFTED_SURFACES, simplest};
+pub use place::CapturedPlace;
+use place::{AROUND, DEBRIS, FOUND, FOUND_BY_VIEWS, IN_PLACE, MISSING, PART_AGREES, UPRIGHT};
 use rated::Rated;
 pub use regions::Regions;
 use sight::Sight;
@@ -41,28 +44,9 @@ use surfaces::{Both, Surfaces};
 
 /// Maximum number of wanted views that are compared.
 const WANTED: usize = 3;
-/// Maximum number of objects whose surroundings are rendered and compared.
-const AROUND: usize = 2;
-/// Minimum agreement at which the mesh counts as being in the frame of the splats, so that no better transform is
-/// searched for.
-const AGREES: f64 = 0.8;
-/// Minimum agreement of the surfaces (see [`surfaces`]) at which the mesh counts as being in the frame of the
-/// splats.
-const IN_PLACE: f64 = 0.85;
-/// Minimum agreement of the surfaces with a transformed mesh for the transform to be reported.
-const FOUND: f64 = 0.8;
-/// Minimum agreement of the depths with a transformed mesh for the transform to be reported, if the agreement of
-/// the surfaces gives no transform.
-const FOUND_BY_VIEWS: f64 = 0.75;
 /// Minimum agreement of the depths, without the parts that float or are missing, at which only these parts count as
 /// wrong. If it is lower, splats and mesh disagree as a whole.
 const REST_AGREES: f64 = 0.75;
-/// Minimum share of the points at which the mesh must be visible for the agreement at these points alone to be
-/// considered.
-const PART: f64 = 0.02;
-/// Minimum agreement, at the points where the mesh is visible, at which a mesh that covers only a part of the place
-/// counts as being in the frame of the splats.
-const PART_AGREES: f64 = 0.9;
 /// If the agreement is below this value, and the agreement where the mesh is visible is below [`PART_DISAGREES`],
 /// splats and mesh are reported as being in different frames even if no transform is found.
 const DISAGREES: f64 = 0.12;
@@ -70,38 +54,11 @@ const DISAGREES: f64 = 0.12;
 const PART_DISAGREES: f64 = 0.5;
 /// Minimum share of the pixels of the wanted views that the splats, or the mesh, must cover to count as visible.
 const UNSEEN: f64 = 0.02;
-/// Minimum cosine of the angle between the up direction of the scene and the up direction estimated from the splats
-/// or from the mesh, for these splats or this mesh to count as upright.
-const UPRIGHT: f64 = 0.94;
-/// Minimum share of the pixels of a view that debris must cover to be reported.
-const DEBRIS: f64 = 0.006;
-/// Minimum share of the pixels of a view that missing surfaces must cover to be reported.
-const MISSING: f64 = 0.03;
 /// Minimum share of the pixels that debris and missing surfaces must cover for a mesh without a transform to count as
 /// being in another frame. Meshes of other places reach 0.139; the mesh of the garden, near its edge, 0.036.
 const NEARLY_ALL: f64 = 0.07;
 /// Number of transforms that the surfaces suggest and the views verify.
 const VERIFIED: usize = 3;
-/// Half of the minimum distance between splats and mesh for a part of the mesh to count as debris, or for a surface
-/// of the splats to count as missing. It is a share of the distance from the eye.
-const TOLERANCE: f64 = 0.05;
-
-/// Place whose splats and mesh are compared.
-#[derive(Debug, Clone, Copy)]
-pub struct CapturedPlace<'a> {
-    /// The splats, in the world.
-    pub splats: &'a Splats,
-    /// The mesh, in the world.
-    pub mesh: &'a Mesh,
-    /// Cameras of the wanted views; the views of the first, the middle and the last one are compared.
-    pub cameras: &'a [Camera],
-    /// Middles of the inserted objects. The first two are used.
-    pub around: &'a [DVec3],
-    /// Unit vectors to the right, forward and up.
-    pub axes: [DVec3; 3],
-    /// World units per metre.
-    pub metre: f64,
-}
 
 /// Result of a comparison.
 #[derive(Debug, Clone, PartialEq)]
@@ -344,8 +301,4 @@ fn visible(sights: &[Sight], depths: &[Vec<f64>]) -> Option<[f64; 2]> {
     let splats: usize = wanted().map(|(sight, _)| sight.empty.iter().filter(|empty| !**empty).count()).sum();
     let mesh: usize = wanted().map(|(_, mesh)| mesh.iter().filter(|depth| depth.is_finite()).count()).sum();
     (all > 0).then(|| [splats, mesh].map(|count| count as f64 / all as f64))
-}
-
-fn matrix(by: &Similarity) -> DMat4 {
-    DMat4::from_cols_array(&by.rows()).transpose()
 }

@@ -4,9 +4,9 @@ use glam::DVec3;
 use scene::math::num;
 use scene::types::frame::Similarity;
 
+use super::place::{CapturedPlace, UPRIGHT};
 use super::search;
 use super::spots::Spots;
-use super::{CapturedPlace, UPRIGHT};
 use crate::geometry::level::{self, LevelEstimate};
 
 /// Minimum increase of the agreement that a transform must cause to be reported.

@@ -6,10 +6,10 @@ use scene::types::frame::Similarity;
 use super::cloud::Placed;
 use super::explained::Explained;
 use super::moved::{GAIN, Moved, SHIFTED, SHIFTED_SURFACES, simplest};
+use super::place::{AGREES, CapturedPlace, FOUND, FOUND_BY_VIEWS, IN_PLACE, PART, PART_AGREES};
 use super::sight::Sight;
 use super::spots::{Agreement, Spots};
 use super::surfaces::{Both, Surfaces};
-use super::{AGREES, CapturedPlace, FOUND, FOUND_BY_VIEWS, IN_PLACE, PART, PART_AGREES};
 
 /// Maximum share of the points in front of which a transformed mesh may have a surface for the transform to be
 /// reported, unless the mesh hides as many at its own position.

@@ -8,9 +8,9 @@ use glam::DVec3;
 use scene::types::frame::Similarity;
 
 use super::moved::{Likely, Moved};
+use super::place::{AROUND, CapturedPlace, matrix};
 use super::sight::Sight;
 use super::spots::Spots;
-use super::{AROUND, CapturedPlace, matrix};
 use crate::splat::Blocks;
 
 /// Minimum share of the surfaces around an object that the mesh hides from its middle for the object to be inside a

@@ -1,7 +1,7 @@
 //! Radiance pictures (`.hdr`): shared-exponent RGBE, flat or run-length encoded. The decoder of the crate `image`
 //! is not used, since it ignores `EXPOSURE` and `COLORCORR` and cannot be cancelled.
 
-use super::png::believable;
+use super::believable::believable;
 use super::progress::Progress;
 use crate::error::Error;
 

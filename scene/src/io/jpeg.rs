@@ -4,9 +4,10 @@ use zune_jpeg::JpegDecoder;
 use zune_jpeg::zune_core::colorspace::ColorSpace;
 use zune_jpeg::zune_core::options::DecoderOptions;
 
+use super::believable::believable;
 use super::exif::{self, ExifColour, other_orientation};
 use super::icc;
-use super::png::{Raster, believable};
+use super::png::Raster;
 use super::progress::{Progress, TrackedReader, TrackedWriter};
 use super::source_colour::SourceColour;
 use crate::error::Error;

@@ -2,6 +2,7 @@
 //! memory is allocated, and invalid bytes give a typed error.
 
 pub mod base64;
+pub mod believable;
 pub mod capture;
 pub mod colour_range;
 pub mod cube;

@@ -4,8 +4,9 @@ use std::io::Cursor;
 
 use image_webp::{DecodingError, WebPDecoder};
 
+use super::believable::believable;
 use super::icc;
-use super::png::{Raster, believable};
+use super::png::Raster;
 use super::source_colour::SourceColour;
 use crate::error::Error;
 

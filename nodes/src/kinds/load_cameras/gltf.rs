@@ -9,7 +9,7 @@ use scene::io::gltf::{self, object::local};
 use scene::math::num;
 use scene::types::frame::world_from_gltf;
 
-use super::LoadCameras;
+use super::interface::LoadCameras;
 
 /// Height of a picture in pixels, since glTF does not define it. It is multiplied by `resolution`.
 const HEIGHT_PX: u64 = 1080;

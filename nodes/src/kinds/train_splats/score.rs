@@ -7,8 +7,8 @@ use scene::math::metrics::{Plane, errors, mean_over, ssim_map};
 use scene::math::num;
 use scene::types::{Camera, Cell, Photo, Report, Splats, Table};
 
-use super::TrainSplats;
 use super::checkpoint::Stretch;
+use super::interface::TrainSplats;
 
 /// Score of a photograph that was held out.
 pub struct Score {

@@ -5,6 +5,7 @@ mod candidate;
 mod patch;
 mod profile;
 mod refine;
+mod reliable;
 mod rig;
 mod scale;
 #[cfg(test)]
@@ -17,7 +18,8 @@ use serde::Serialize;
 
 use candidate::{Candidate, LAYERED};
 use patch::Patches;
-use profile::{Profile, profile};
+use profile::profile;
+use reliable::{LEAST_LAYERING, LEAST_OBSERVATIONS, is_reliable};
 
 pub use patch::rotation;
 pub use profile::Evidence;
@@ -25,11 +27,6 @@ pub use scale::Scale;
 
 /// Maximum number of axes that are considered as candidates for the vertical.
 const AXES: usize = 6;
-/// Minimum concentration in layers of a fully reliable estimate. Evenly spread splats with random orientations
-/// reach 0.01.
-const LEAST_LAYERING: f64 = 0.045;
-/// Minimum number of patches of the floor for a fully reliable estimate.
-const LEAST_OBSERVATIONS: f64 = 150.0;
 /// Maximum number of splats of a sample.
 const SAMPLED: usize = 1 << 16;
 /// Minimum confidence of a reliable direction.
@@ -164,11 +161,6 @@ pub fn upright(splats: &Splats, up: DVec3, cameras: Option<&Rig>) -> Option<Leve
         scale: scale::scale(&found, &patches, cameras),
         ..measured
     })
-}
-
-/// True if a floor, given by its concentration in layers and its profile, is seen clearly enough to be reliable.
-fn is_reliable(layering: f64, profile: &Profile) -> bool {
-    layering >= LEAST_LAYERING && profile.observations >= LEAST_OBSERVATIONS
 }
 
 fn estimate(patches: &Patches, cameras: Option<&Rig>) -> Option<LevelEstimate> {

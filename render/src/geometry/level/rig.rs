@@ -5,9 +5,9 @@ use scene::math::num;
 use scene::types::Rig;
 
 use super::candidate::{Candidate, LAYERED};
-use super::is_reliable;
 use super::patch::Patches;
 use super::profile::profile;
+use super::reliable::is_reliable;
 
 /// Minimum number of cameras.
 const FEWEST: usize = 3;

@@ -9,7 +9,7 @@ use super::super::camera_model::Pinhole;
 use super::super::settings::Settings;
 use super::super::sh;
 use super::super::shape::axes;
-use super::Row;
+use super::row::Row;
 
 /// Parameters of a splat, as the renderer reads them.
 #[derive(Debug, Clone, Copy)]

@@ -6,6 +6,7 @@
 
 mod blend;
 mod chain;
+mod row;
 mod sums;
 #[cfg(test)]
 mod tests;
@@ -15,11 +16,12 @@ use fearless_simd::Level;
 use scene::types::{Camera, Splats};
 
 pub use chain::{Chain, SH_LEN, SplatGradient, SplatValues};
+pub use row::Row;
 pub use sums::Sums;
 
 use super::camera_model::{CameraModel, Pinhole};
 use super::draw::{Clock, area};
-use super::project::{Footprint, Projected, project_indexed};
+use super::project::{Projected, project_indexed};
 use super::settings::{Settings, TILE};
 use super::tile::{Strip, Task};
 use super::{bin, blend32};
@@ -44,16 +46,6 @@ pub struct Backward {
     /// Seconds of the stages project, sort and bin, blend, loss, backward pass of blending, and addition, measured
     /// by the given clock. Used by benches, never part of a result.
     pub seconds: [f64; 6],
-}
-
-/// A splat that was blended into at least one pixel.
-pub struct Row<'a> {
-    /// Index of the splat in the scene.
-    pub splat: usize,
-    /// Footprint of the splat.
-    pub(super) footprint: &'a Footprint,
-    /// Sums over all pixels of the view.
-    pub sums: &'a Sums,
 }
 
 impl Backward {

@@ -14,7 +14,7 @@ use exr::prelude::{MetaData, ReadLayers, f16};
 use super::part::{choose_part, part_name};
 use super::planes::{Channel, Planes};
 use crate::error::Error;
-use crate::io::png::believable;
+use crate::io::believable::believable;
 use crate::io::progress::{Progress, TrackedReader};
 
 /// Reads a file with channels of 16-bit floats, 32-bit floats or integers.

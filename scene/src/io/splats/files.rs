@@ -2,7 +2,11 @@
 
 use engine::{Context, InputFile, NodeError, Notes, SourceFile, SourceRoot};
 
-use super::{Frame, Loaded, Placing, Reading, assemble, load, load_ranges, report, source};
+use super::frame::{Frame, Placing};
+use super::loaded::Loaded;
+use super::reader::{assemble, load, load_ranges, report};
+use super::reading::Reading;
+use super::source;
 use crate::types::Splats;
 use crate::types::frame::Similarity;
 

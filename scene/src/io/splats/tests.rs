@@ -6,9 +6,10 @@ mod inria;
 mod other_tools;
 mod placed;
 
-use engine::{InputFile, Note, SourceRoot};
+use engine::{Context, InputFile, NodeError, Note, Notes, SourceRoot};
 
 use super::*;
+use crate::types::{SplatEncoding, Splats};
 use build::{Packed, PlyRow};
 use engine::Up;
 use glam::DVec3;
