@@ -71,9 +71,9 @@ def graph_of(nodes, splats, receiver, more, middle, distance, height, cameras, s
 
 
 def psnr(folder, name, count):
-    """PSNR in the shadow and in the rest, one number for each camera."""
-    found = [rows(os.path.join(folder, f"{name}{i}.md")) for i in range(count)]
-    column = lambda region: [next(float(row["psnr (dB)"]) for row in rows if row["region"] == region) for rows in found]
+    """PSNR in the shadow and in the rest, one number for each camera that sees the region."""
+    found = [row for i in range(count) for row in rows(os.path.join(folder, f"{name}{i}.md")) if row["picture"] == "image"]
+    column = lambda region: [float(row["psnr (dB)"]) for row in found if row["region"] == region and row["psnr (dB)"] not in ("not computed", "inf")]
     return [column("shadow"), column("rest")]
 
 
@@ -92,8 +92,8 @@ def main():
         if subprocess.run(command).returncode not in (0, 3):
             sys.exit(1)
         cells = []
-        for shadow, rest in zip(psnr(folder, "baked", cameras), psnr(folder, "bare", cameras)):
-            cells.append([f"{sum(v) / len(v):.1f} ({min(v):.1f})" for v in (shadow, rest)])
+        for both in zip(psnr(folder, "baked", cameras), psnr(folder, "bare", cameras)):
+            cells.append([f"{sum(v) / len(v):.1f} ({min(v):.1f})" if v else "-" for v in both])
         print(f"| {name} | {cells[0][0]} | {cells[0][1]} | {cells[1][0]} | {cells[1][1]} |", flush=True)
 
 

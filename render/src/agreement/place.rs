@@ -9,8 +9,8 @@ pub(super) const AROUND: usize = 2;
 /// Minimum agreement at which the mesh counts as being in the frame of the splats, so that no better transform is
 /// searched for.
 pub(super) const AGREES: f64 = 0.8;
-/// Minimum agreement of the surfaces (see [`surfaces`]) at which the mesh counts as being in the frame of the
-/// splats.
+/// Minimum agreement of the surfaces (see [`surfaces`](super::surfaces)) at which the mesh counts as being in the
+/// frame of the splats.
 pub(super) const IN_PLACE: f64 = 0.85;
 /// Minimum agreement of the surfaces with a transformed mesh for the transform to be reported.
 pub(super) const FOUND: f64 = 0.8;
