@@ -206,7 +206,10 @@ impl Kind for Denoise {
                 variance: guide(&inputs.variance, "variance", name, size, 4)?,
             };
             let (images, found, blind) = match &inputs.points {
-                Some(splats) => (points::filter(splats, &layers, params.strength, cx)?, 0, false),
+                Some(splats) => {
+                    let (images, is_blind) = points::filter(splats, &layers, params.strength, cx)?;
+                    (images, 0, is_blind)
+                }
                 None => params.view(&layers, cx)?,
             };
             fireflies += found;

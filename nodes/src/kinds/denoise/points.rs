@@ -49,8 +49,8 @@ impl Point {
     }
 }
 
-/// Returns `without` and `with` with less noise, and `object`. Splats keep their bits if no object affects one of their
-/// neighbours.
+/// Returns `without` and `with` with less noise, and `object`; and true if nothing can be filtered, since `variance` is 0
+/// although objects change the light. Splats keep their bits if no object affects one of their neighbours.
 ///
 /// # Errors
 /// If the images do not belong to the splats, or the run was cancelled.
@@ -59,7 +59,7 @@ pub(super) fn filter(
     view: &ViewLayers<'_>,
     strength: f64,
     cx: &Context,
-) -> Result<[Image<Linear>; 3], NodeError> {
+) -> Result<([Image<Linear>; 3], bool), NodeError> {
     let pixels = SplatPixels::of(splats);
     let size = (pixels.size.0 as usize, pixels.size.1 as usize);
     if (view.without.width, view.without.height) != size {
@@ -72,7 +72,7 @@ pub(super) fn filter(
     }
     let mut out = [view.without.clone(), view.with.clone(), view.object.clone()];
     if strength == 0.0 {
-        return Ok(out);
+        return Ok((out, false));
     }
     let (mut points, mut at) = (vec![None; splats.len()], vec![0; splats.len()]);
     for (splat, (x, y)) in pixels.iter() {
@@ -80,6 +80,9 @@ pub(super) fn filter(
         at[splat] = pixel;
         points[splat] = point(splats, splat, view, pixel);
     }
+    // Without a variance, no difference counts as noise.
+    let is_blind = points.iter().flatten().any(Point::is_changed)
+        && points.iter().flatten().all(|point| point.variance == 0.0);
     let curves = SHIFTS.map(|shift| curve(splats, shift));
     let places = curves.each_ref().map(|curve| {
         let mut places = vec![0_u32; curve.len()];
@@ -107,7 +110,7 @@ pub(super) fn filter(
             }
         }
     }
-    Ok(out)
+    Ok((out, is_blind))
 }
 
 /// A splat with its light. `None` if it does not lie on the receiver, or if its light is not finite.
@@ -236,7 +239,8 @@ mod tests {
             normal: &normal,
             variance: &variance,
         };
-        let out = filter(&splats, &view, strength, &context()).expect("filters");
+        let (out, is_blind) = filter(&splats, &view, strength, &context()).expect("filters");
+        assert_eq!(is_blind, noise == 0.0, "a variance of 0 is reported");
         (splats, images, out)
     }
 

@@ -201,7 +201,10 @@ impl Kind for PathTrace {
             4.0 + 0.1 * ratio * ratio
         });
         let coarse = f64::from(params.coarse_px);
-        sizes.of("rig") * all.min(samples) / (coarse * coarse)
+        // With `points`, splats take the place of pixels.
+        let pixels =
+            [sizes.of("points"), sizes.of("rig")].into_iter().find(|size| *size > 0.0).unwrap_or(0.0);
+        pixels * all.min(samples) / (coarse * coarse)
     }
 
     fn former(name: &str, fields: &[(&str, &str)]) -> Option<Former> {

@@ -7,7 +7,7 @@ pub struct RawMesh {
     pub positions: Vec<[f64; 3]>,
     /// True if the file stores positions as f64.
     pub finer: bool,
-    /// Colours of the vertices as stored, from 0 to 1; empty if there are none.
+    /// Colours of the vertices as stored, from 0 to 1; empty if the file has no colours.
     pub colours: Vec<[f64; 3]>,
     /// Linear factors of the colours (`baseColorFactor` of glTF), one per vertex; empty if all are white.
     pub tints: Vec<[f64; 3]>,

@@ -20,8 +20,8 @@ fn splats(places: &[[f32; 2]]) -> Splats {
 }
 
 /// Seen from straight above, pixels and splats have the same places. Under an even sky their ratios agree within six
-/// standard errors of 256 samples; the edge of a sun's shadow lies at one side of a splat and crosses a pixel, so under a
-/// sun only the means are compared: within 1 %. The splat above the floor, and pixels without a splat, have a ratio of 1.
+/// standard errors of 256 samples, and their means within 0.3 %; the edge of a sun's shadow lies at one side of a splat
+/// and crosses a pixel, so under a sun only the means are compared. The splat above the floor, and pixels without a splat, have a ratio of 1.
 /// This test fails if the rays come from below the floor, or if pixels are in the order of the file.
 #[test]
 fn splats_have_the_ratio_of_the_pixels_that_show_them() {
@@ -72,7 +72,7 @@ fn splats_have_the_ratio_of_the_pixels_that_show_them() {
             assert!(is_sunny || (a - b).abs() < allowed, "{pixel}: {a} {b}");
             means = [means[0] + a, means[1] + b];
         }
-        assert!((means[0] / means[1] - 1.0).abs() < 0.01, "{means:?}");
+        assert!((means[0] / means[1] - 1.0).abs() < 3e-3, "{means:?}");
         for at in (0..owned.len()).filter(|at| !owned[*at]) {
             assert_eq!(ratio(&out, at), 1.0, "no splat");
         }
