@@ -29,8 +29,14 @@ impl Program {
     /// `main`. Errors are printed; the exit code is then 2. If two kinds have the same name, this is such an error.
     pub fn run(self) -> ExitCode {
         report_file_size_limit();
-        if !self.kinds.is_empty()
-            && let Err(error) = nodes::add_kinds(self.kinds)
+        #[cfg(feature = "learned")]
+        learned::diffusion::install();
+        #[cfg(feature = "video")]
+        let kinds = [self.kinds, vec![KindEntry::of::<video::WriteVideo>]].concat();
+        #[cfg(not(feature = "video"))]
+        let kinds = self.kinds;
+        if !kinds.is_empty()
+            && let Err(error) = nodes::add_kinds(kinds)
         {
             terminal::error(&error.to_string());
             return ExitCode::from(2);

@@ -45,7 +45,11 @@ pub fn add_kinds(kinds: Vec<fn() -> KindEntry>) -> Result<(), AddKindsError> {
 
 /// The table of all kinds: those of this crate, and those that [`add_kinds`] added.
 pub fn registry() -> Registry {
-    ADDED.get().into_iter().flatten().fold(built_in(), |registry, kind| registry.with(kind()))
+    let registry = ADDED.get().into_iter().flatten().fold(built_in(), |registry, kind| registry.with(kind()));
+    registry.lacking(
+        "write-video",
+        "build the program with `--features video`, or use `WriteAnimation` for an animated PNG",
+    )
 }
 
 /// The table of the kinds of this crate.

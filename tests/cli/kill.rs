@@ -8,7 +8,7 @@ use crate::{INSERT, Place};
 
 /// Number of times that a run with an empty cache is killed; `LIGHTHARMONY_KILLS` sets another number.
 fn rounds() -> usize {
-    std::env::var("LIGHTHARMONY_KILLS").ok().and_then(|n| n.parse().ok()).unwrap_or(12)
+    std::env::var("LIGHTHARMONY_KILLS").ok().and_then(|n| n.parse().ok()).unwrap_or(8)
 }
 
 /// Kills a run after it has printed `lines` lines. Unlike times, numbers of lines are spread over the run on a

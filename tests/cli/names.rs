@@ -69,3 +69,21 @@ fn a_wrong_name_is_answered_with_a_near_one_that_exists() {
     let text = reported(&["--set", "camera.fov=20"]);
     assert!(text.contains("did you mean `fov_y_deg`?"), "{text}");
 }
+
+/// A kind of a feature that this build lacks is named with the feature.
+#[cfg(not(feature = "video"))]
+#[test]
+fn a_kind_of_a_feature_is_named() {
+    let place = Place::new(&FRAMES.replace(
+        r#"WriteAnimation(frames: "all", path: "film.png")"#,
+        r#"WriteVideo(frames: "all", path: "film.mp4")"#,
+    ));
+    let output = place.call(&["check", "graph.ron"]);
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{text}");
+    assert!(
+        text.contains("no kind of node is named `WriteVideo`") && text.contains("--features video"),
+        "{text}"
+    );
+    assert!(!text.contains("did you mean"), "{text}");
+}

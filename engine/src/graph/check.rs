@@ -169,7 +169,7 @@ impl<'t, 'a> Check<'t, 'a> {
                     format!("no kind of node is named `{}`", shown(node.kind)),
                 )
                 .suggest(node.kind, names.iter().map(String::as_str))
-                .hint("`lightharmony nodes` lists the kinds"),
+                .hint(self.registry.hint(node.kind)),
             );
         }
         found

@@ -184,10 +184,14 @@ pub(crate) fn camel(kebab: &str) -> String {
     out
 }
 
+/// Hint for a kind that no build has.
+const LISTED: &str = "`lightharmony nodes` lists the kinds";
+
 /// The table of kinds. A crate adds its kinds with [`Registry::with`].
 #[derive(Default)]
 pub struct Registry {
     kinds: BTreeMap<String, Arc<KindEntry>>,
+    lacking: BTreeMap<String, &'static str>,
 }
 
 impl Registry {
@@ -205,6 +209,18 @@ impl Registry {
         let earlier = self.kinds.insert(name.clone(), Arc::new(entry));
         assert!(earlier.is_none(), "two kinds are named `{name}`");
         self
+    }
+
+    /// States that this build lacks a kind, and where it is: the hint of the error for graphs with this kind. Has no
+    /// effect if the table has the kind.
+    pub fn lacking(mut self, name: &str, hint: &'static str) -> Self {
+        self.lacking.insert(camel(name), hint);
+        self
+    }
+
+    /// The hint for a kind that the table does not have.
+    pub(crate) fn hint(&self, name: &str) -> &'static str {
+        self.lacking.get(name).or_else(|| self.lacking.get(&camel(name))).copied().unwrap_or(LISTED)
     }
 
     /// The kind with this name, which may be spelled `splat-render` or `SplatRender`.

@@ -40,7 +40,7 @@ engine::outputs! {
 
 impl Kind for BakeShadow {
     const NAME: &'static str = "bake-shadow";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type Params = Self;
     type In = In;
     type Out = Out;
@@ -83,14 +83,14 @@ impl Kind for BakeShadow {
     }
 }
 
-/// The only picture of the ratio, if it has a pixel for each splat.
+/// The only picture of the ratio, if its pixels are those of the splats.
 fn of_splats<'s>(
     shadow: &'s Images,
     pixels: &SplatPixels,
     count: usize,
 ) -> Result<&'s Image<Data>, NodeError> {
     let picture = match &shadow.0[..] {
-        [only] => match &only.picture {
+        [only] if only.name == pixels.name() => match &only.picture {
             Picture::Data(image) => Some(image),
             _ => None,
         },
@@ -99,7 +99,7 @@ fn of_splats<'s>(
     let (width, height) = (pixels.size.0 as usize, pixels.size.1 as usize);
     let fits = |image: &&Image<Data>| (image.width, image.height) == (width, height);
     picture.filter(fits).ok_or_else(|| {
-        let text = format!("`shadow` must be one ratio of {width} x {height} pixels, which belongs to these {count} splats");
+        let text = format!("`shadow` must be one ratio, traced at these {count} splats");
         let hint = "give the same splats to `points` of `path-trace`, and its `without` and `with` to `shadow-ratio`";
         NodeError::new(text).at("shadow").hint(hint)
     })
@@ -149,7 +149,7 @@ mod tests {
             let at = 3 * (y as usize * width + x as usize);
             image.samples[at..at + 3].copy_from_slice(&value);
         }
-        Arc::new(Images(vec![NamedImage { name: "points".to_owned(), picture: image.into() }]))
+        Arc::new(Images(vec![NamedImage { name: pixels.name(), picture: image.into() }]))
     }
 
     fn bake(scene: &Splats, shadow: Arc<Images>, strength: f64) -> Result<Arc<Splats>, NodeError> {
@@ -185,9 +185,12 @@ mod tests {
     #[test]
     fn a_ratio_of_other_splats_is_refused() {
         let scene = scene(SplatEncoding::Srgb);
-        let mut other = scene.clone();
-        other.means.truncate(60);
-        let error = bake(&scene, ratio(&other, &[], [1.0; 3]), 1.0).expect_err("is refused");
-        assert!(error.message().contains("these 100 splats"), "{error}");
+        let (mut fewer, mut moved) = (scene.clone(), scene.clone());
+        fewer.means.truncate(60);
+        moved.means.reverse();
+        for other in [fewer, moved] {
+            let error = bake(&scene, ratio(&other, &[], [1.0; 3]), 1.0).expect_err("is refused");
+            assert!(error.message().contains("these 100 splats"), "{error}");
+        }
     }
 }

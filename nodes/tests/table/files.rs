@@ -134,7 +134,7 @@ pub fn lpips_safetensors() -> Vec<u8> {
 
 /// The shipped weights file, changed so that it predicts a different amount of hidden light.
 pub fn exposure_safetensors() -> Vec<u8> {
-    let shipped = include_bytes!("../../weights/exposure.safetensors");
+    let shipped = include_bytes!("../../../render/weights/exposure.safetensors");
     let shipped = safetensors::SafeTensors::deserialize(shipped).expect("is sound");
     let bias = 2.0_f32.to_le_bytes();
     let views = shipped.iter().map(|(name, view)| match name {

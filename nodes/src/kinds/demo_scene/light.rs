@@ -307,6 +307,8 @@ struct Cache {
     /// `order[starts[cell]..starts[cell + 1]]`.
     starts: Vec<u32>,
     order: Vec<u32>,
+    /// Positions and normals in the order of `order`, so that a search reads memory in sequence.
+    ordered: Vec<(DVec3, DVec3)>,
 }
 
 /// Distance between points of the cache, in metres.
@@ -384,6 +386,8 @@ impl Cache {
             self.order[next[cell] as usize] = i as u32;
             next[cell] += 1;
         }
+        let of = |&i: &u32| (self.points[i as usize].p, self.points[i as usize].n);
+        self.ordered = self.order.iter().map(of).collect();
     }
 
     fn place(&self, p: DVec3) -> [usize; 3] {
@@ -394,31 +398,26 @@ impl Cache {
         (at[2] * self.size[1] + at[1]) * self.size[0] + at[0]
     }
 
-    /// Calls `visit` with the points in the cell of `p` and in the cells next to it.
-    fn near(&self, p: DVec3, mut visit: impl FnMut(u32, &Point)) {
-        let middle = self.place(p);
-        let range = |i: usize| middle[i].saturating_sub(1)..(middle[i] + 2).min(self.size[i]);
-        for z in range(2) {
-            for y in range(1) {
-                let row = range(0);
-                let (first, last) = (self.cell([row.start, y, z]), self.cell([row.end - 1, y, z]));
-                for &i in &self.order[self.starts[first] as usize..self.starts[last + 1] as usize] {
-                    visit(i, &self.points[i as usize]);
-                }
-            }
-        }
-    }
-
     /// Mean over the points around `p` with a similar normal on the same surface.
     fn at(&self, p: DVec3, n: DVec3, value: impl Fn(&Point) -> Rgb) -> Rgb {
         let (mut sum, mut weights) = ([0.0; 3], 0.0);
-        self.near(p, |_, point| {
-            let weight = closeness(p, n, point);
-            if weight > 0.0 {
-                sum = add(sum, value(point), weight);
-                weights += weight;
+        let (middle, reach) = (self.place(p), reach_above(0.0));
+        let range = |i: usize| middle[i].saturating_sub(1)..(middle[i] + 2).min(self.size[i]);
+        for (z, y) in range(2).flat_map(|z| range(1).map(move |y| (z, y))) {
+            let row = range(0);
+            let (first, last) = (self.cell([row.start, y, z]), self.cell([row.end - 1, y, z]));
+            let cells = self.starts[first] as usize..self.starts[last + 1] as usize;
+            for (i, (at, normal)) in self.order[cells.clone()].iter().zip(&self.ordered[cells]) {
+                if p.distance_squared(*at) > reach {
+                    continue;
+                }
+                let weight = closeness((p, n), (*at, *normal));
+                if weight > 0.0 {
+                    sum = add(sum, value(&self.points[*i as usize]), weight);
+                    weights += weight;
+                }
             }
-        });
+        }
         if weights > 0.0 { sum.map(|v| v / weights) } else { [0.0; 3] }
     }
 
@@ -464,27 +463,72 @@ impl Cache {
         Ok(())
     }
 
+    /// Index of the point with the largest weight at `p`, the first of those that are equal; `u32::MAX` if there is none.
     fn nearest(&self, p: DVec3, n: DVec3) -> u32 {
-        let mut best = (0.0, u32::MAX);
-        self.near(p, |i, point| {
-            let weight = closeness(p, n, point);
-            if weight > best.0 {
-                best = (weight, i);
-            }
+        let middle = self.place(p);
+        // Squared distance to the cells before, around and after `p` along each axis; a little less, for rounding.
+        let gaps = [0, 1, 2].map(|i| {
+            let start = self.low[i] + middle[i] as f64 * RADIUS;
+            let squared = |gap: f64| (gap - 1e-9).max(0.0).powi(2);
+            let before = if middle[i] > 0 { squared(p[i] - start) } else { f64::INFINITY };
+            let is_last = middle[i] + 1 == self.size[i];
+            let after = if is_last { f64::INFINITY } else { squared(start + RADIUS - p[i]) };
+            [before, 0.0, after]
         });
-        best.1
+        let (mut best, mut slot, mut reach) = (0.0, usize::MAX, reach_above(0.0));
+        for [x, y, z] in OUTWARD {
+            if gaps[0][x] + gaps[1][y] + gaps[2][z] > reach {
+                continue;
+            }
+            let cell = self.cell([middle[0] + x - 1, middle[1] + y - 1, middle[2] + z - 1]);
+            let slots = self.starts[cell] as usize..self.starts[cell + 1] as usize;
+            for (at, (point, normal)) in slots.clone().zip(&self.ordered[slots]) {
+                if p.distance_squared(*point) > reach {
+                    continue;
+                }
+                let weight = closeness((p, n), (*point, *normal));
+                if weight > best || (weight == best && weight > 0.0 && at < slot) {
+                    (best, slot, reach) = (weight, at, reach_above(weight));
+                }
+            }
+        }
+        self.order.get(slot).copied().unwrap_or(u32::MAX)
     }
 }
 
-/// Weight of `point`, a point of the cache, for the light at `p` on a surface with the normal `n`.
-fn closeness(p: DVec3, n: DVec3, point: &Point) -> f64 {
-    let way = p - point.p;
+/// Offsets by -1, 0 and 1 (as 0, 1 and 2) to a cell and the 26 cells around it, the nearest first.
+const OUTWARD: [[usize; 3]; 27] = {
+    let (mut out, mut filled, mut apart) = ([[0; 3]; 27], 0, 0);
+    while apart <= 3 {
+        let mut i = 0;
+        while i < 27 {
+            let [x, y, z] = [i % 3, i / 3 % 3, i / 9];
+            if (x != 1) as usize + (y != 1) as usize + (z != 1) as usize == apart {
+                out[filled] = [x, y, z];
+                filled += 1;
+            }
+            i += 1;
+        }
+        apart += 1;
+    }
+    out
+};
+
+/// Square of the distance beyond which no point has a weight of more than `least`; a little more, for rounding.
+fn reach_above(least: f64) -> f64 {
+    2.0 * RADIUS * RADIUS * (1.0 - least.sqrt().sqrt()).max(0.0) + 1e-9
+}
+
+/// Weight of a point of the cache, given by position and normal, for the light at `p` on a surface with the normal `n`.
+/// It is at most the fourth power of 1 - the squared distance / (2 [`RADIUS`]^2).
+fn closeness((p, n): (DVec3, DVec3), (at, normal): (DVec3, DVec3)) -> f64 {
+    let way = p - at;
     let near = 1.0 - way.length_squared() / (2.0 * RADIUS * RADIUS);
     if near <= 0.0 {
         return 0.0;
     }
     // Points with another orientation or on another surface count only if there are no better ones.
-    let alike = n.dot(point.n).max(0.03);
+    let alike = n.dot(normal).max(0.03);
     let off = (1.0 - 4.0 * way.dot(n).abs() / RADIUS).max(0.02);
     let near = near * near;
     near * near * alike * alike * alike * off

@@ -11,8 +11,8 @@ pub enum Method {
     /// Non-local means, built in: every pixel becomes the mean of pixels that look similar. Gives the same bytes
     /// on every machine.
     Means,
-    /// Open Image Denoise 2, if installed, in a build with the feature `oidn`. Its version is part of the cache
-    /// key, like a source file. Another processor may give different bytes.
+    /// Open Image Denoise 2, if it is installed. Its version is part of the cache key, like a source file. Another
+    /// processor may give different bytes.
     Oidn,
 }
 
@@ -61,11 +61,7 @@ impl ParamType for Method {
                 "Non-local means, built in: every pixel becomes the mean of pixels that look similar. Gives the same \
                  bytes on every machine.",
             ),
-            (
-                "Oidn",
-                "Open Image Denoise 2, if installed, in a build with the feature `oidn`. Another processor may give \
-                 different bytes.",
-            ),
+            ("Oidn", "Open Image Denoise 2, if it is installed. Another processor may give different bytes."),
         ]
     }
 }

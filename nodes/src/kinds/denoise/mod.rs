@@ -12,6 +12,7 @@ use std::sync::Arc;
 use engine::{Context, Cost, Kind, NodeError, Notes, SourceFile, SourceRoot};
 use means::{Field, Reach, VALUES};
 pub use method::Method;
+use render::transport::picture::splat_rays::SplatPixels;
 use scene::types::layers::{linear, matching};
 use scene::types::{Image, Images, Linear, NamedImage, Picture, Splats};
 use view::{ViewLayers, known};
@@ -160,7 +161,7 @@ fn guide<'a>(
 
 impl Kind for Denoise {
     const NAME: &'static str = "denoise";
-    const VERSION: u32 = 6;
+    const VERSION: u32 = 7;
     // The time grows with the square of the radius; a preview has so few samples that the nearest pixels are
     // enough.
     const PREVIEW: engine::Preview =
@@ -207,8 +208,14 @@ impl Kind for Denoise {
             };
             let (images, found, blind) = match &inputs.points {
                 Some(splats) => {
-                    let (images, is_blind) = points::filter(splats, &layers, params.strength, cx)?;
+                    let (images, is_blind) = points::filter(splats, (name, &layers), params.strength, cx)?;
                     (images, 0, is_blind)
+                }
+                None if SplatPixels::are_named(name) => {
+                    let text =
+                        "the layers were traced at splats, so neighbours in the image may be far apart";
+                    let hint = "wire the splats to `points`, as in `path-trace`";
+                    return Err(NodeError::new(text).at("points").hint(hint));
                 }
                 None => params.view(&layers, cx)?,
             };

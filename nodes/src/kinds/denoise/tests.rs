@@ -373,17 +373,12 @@ fn oidn() -> Denoise {
 #[test]
 fn oidn_is_refused_where_it_cannot_run() {
     let refused = Denoise::check(&oidn()).err().map(|error| error.to_string());
-    if cfg!(feature = "oidn") {
-        // Either it is installed, or the error says where it was looked for.
-        assert!(refused.is_none_or(|text| text.contains("`libOpenImageDenoise.so.2` was not found in `/")));
-    } else {
-        assert!(refused.expect("is not built in").contains("feature `oidn`"));
-    }
+    // Either it is installed, or the error says where it was looked for.
+    assert!(refused.is_none_or(|text| text.contains("`libOpenImageDenoise.so.2` was not found in `/")));
 }
 
 /// If Open Image Denoise is installed, it satisfies the conditions of `noise_goes_and_the_edge_stays` and
 /// `what_no_object_touches_stays`.
-#[cfg(feature = "oidn")]
 #[test]
 #[allow(clippy::print_stderr, reason = "a skipped test is reported")]
 fn where_oidn_is_installed_it_filters_what_is_noisy() {

@@ -164,7 +164,7 @@ impl PathTrace {
 
 impl Kind for PathTrace {
     const NAME: &'static str = "path-trace";
-    const VERSION: u32 = 28;
+    const VERSION: u32 = 29;
     const READS: &'static [ContextField] =
         &[ContextField::Exhaustive, ContextField::MetresPerUnit, ContextField::Seed, ContextField::Up];
     const PREVIEW: engine::Preview =
@@ -264,7 +264,7 @@ impl Kind for PathTrace {
         let points_camera = points.as_ref().map(|points| {
             cx.count("splats_on_receiver", points.on_receiver);
             let (width_px, height_px) = points.size;
-            [Camera { width_px, height_px, ..cameras[0].clone() }]
+            [Camera { name: points.name.clone(), width_px, height_px, ..cameras[0].clone() }]
         });
         let cameras = points_camera.as_ref().map_or(&cameras[..], |camera| &camera[..]);
         let settings = params.settings(cx.exhaustive());
@@ -288,7 +288,7 @@ impl Kind for PathTrace {
             Ok(_) => format!("tiles in which objects change at most the share {} of the light", params.crop),
             Err(why) => format!("off: {why}"),
         };
-        Ok((assemble(&inputs, views, &decided, centre, crop), notes))
+        Ok((assemble(&inputs, (cameras, views), &decided, centre, crop), notes))
     }
 }
 

@@ -6,7 +6,7 @@ use glam::DVec3;
 use render::transport::path::rays::Rays;
 use render::transport::picture::accumulator::FinishedView;
 use render::transport::picture::accumulator::ReachedError;
-use scene::types::{Cell, Images, NamedImage, Report, Table};
+use scene::types::{Camera, Cell, Images, NamedImage, Report, Table};
 
 use super::decided::Decided;
 use super::interface::{In, Out};
@@ -58,10 +58,10 @@ fn decisions(
     decisions
 }
 
-/// Assembles the outputs from finished images; `crop` describes the cropping.
+/// Assembles the outputs from the finished images of cameras; `crop` describes the cropping.
 pub(crate) fn assemble(
     inputs: &In,
-    views: Vec<FinishedView>,
+    (cameras, views): (&[Camera], Vec<FinishedView>),
     decided: &Decided,
     centre: DVec3,
     crop: String,
@@ -70,7 +70,7 @@ pub(crate) fn assemble(
     let mut rows = Vec::with_capacity(views.len());
     let mut plans = Vec::new();
     let mut rays = Rays::default();
-    for (camera, view) in inputs.rig.cameras.iter().zip(views) {
+    for (camera, view) in cameras.iter().zip(views) {
         let [without, with, object] = view.images;
         let pictures = [
             without.into(),

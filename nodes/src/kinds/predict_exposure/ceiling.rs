@@ -3,7 +3,7 @@
 use render::light::linear::{LinearPixels, max3};
 use scene::math::equirect::pixel_solid_angle;
 
-use super::clip::CLIPPED;
+use render::light::hidden::clip::CLIPPED;
 
 /// White level of the panorama, in linear light. It is 1 in the training data and for a `white` of at least
 /// [`CLIPPED`]. For a lower `white` it is the median of the brightest channel of the clipped pixels, weighted

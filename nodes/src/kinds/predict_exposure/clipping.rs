@@ -7,14 +7,15 @@ use scene::io::foreign::refuse_placeholder;
 use scene::types::{Data, Image, Panorama, Picture};
 
 use super::ceiling::ceiling;
-use super::clip::{clip_mask, clipped_light};
-use super::clipped::{Clipped, RegionLight};
 use super::enlarged::Enlarged;
 use super::interface::PredictExposure;
+use super::manual;
 use super::method::Method;
 use super::photographs::Photographs;
 use super::reporting::{report_coarse, report_nothing_clipped, report_unseen};
-use super::{manual, network, region, sun};
+use render::light::hidden::clip::{clip_mask, clipped_light};
+use render::light::hidden::clipped::{Clipped, RegionLight};
+use render::light::hidden::{network, region, sun};
 
 /// Gain that the method predicts for a panorama.
 pub(super) struct Prediction {

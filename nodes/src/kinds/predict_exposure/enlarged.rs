@@ -7,7 +7,7 @@ use scene::math::equirect::pixel_solid_angle;
 use scene::math::num;
 use scene::types::{Data, Image};
 
-use super::grid::WIDTH;
+use render::light::hidden::grid::WIDTH;
 
 /// A panorama of at least [`WIDTH`] columns in which each pixel of a smaller panorama is repeated along rows and
 /// columns.

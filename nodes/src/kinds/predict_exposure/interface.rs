@@ -5,8 +5,8 @@ use std::sync::Arc;
 use engine::InputFile;
 use scene::types::{Brackets, Images, Panorama, Report};
 
-use super::clip::CLIPPED;
 use super::method::Method;
+use render::light::hidden::clip::CLIPPED;
 
 engine::params! {
     /// Estimates the true brightness of the clipped parts of a panorama.

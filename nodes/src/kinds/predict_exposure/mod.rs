@@ -4,37 +4,28 @@ use std::sync::Arc;
 
 use engine::{Context, ContextField, Cost, Former, Kind, NodeError, Notes, SourceFile, SourceRoot};
 use render::light::energy_table::EnergyTable;
+use render::light::hidden::diffusion::WHERE;
+use render::light::hidden::{grid, network};
 use scene::math::color::luminance;
 use scene::math::num;
 use scene::types::{Brackets, Cell, Data, Image, Images, NamedImage, Report, Table, Taken};
 
-pub use self::clip::CLIPPED;
-use self::clipped::RegionLight;
 use self::clipping::{Clipping, Prediction};
 use self::exposures::expose;
 use self::photographs::Photographs;
+pub use render::light::hidden::clip::CLIPPED;
+use render::light::hidden::clipped::RegionLight;
 
 mod ceiling;
-mod clip;
-mod clipped;
 mod clipping;
 mod enlarged;
 mod exposures;
-mod grid;
 mod interface;
 mod kontext;
-#[cfg(feature = "learned")]
-pub mod lora;
 mod manual;
 mod method;
-mod network;
 mod photographs;
-mod region;
 mod reporting;
-mod spread;
-mod sun;
-#[cfg(feature = "learned")]
-pub mod training;
 pub use interface::{In, Out, PredictExposure};
 pub use method::Method;
 
@@ -48,7 +39,7 @@ impl Kind for PredictExposure {
     const VERSION: u32 = 17;
     const READS: &'static [ContextField] = &[ContextField::Exhaustive];
     const DATA: &'static [u8] = network::WEIGHTS;
-    const SUPPLIED: Option<&'static str> = kontext::SUPPLIED;
+    const SUPPLIED: Option<&'static str> = Some(WHERE);
     type Params = Self;
     type In = In;
     type Out = Out;

@@ -3,9 +3,9 @@
 use engine::Notes;
 use render::light::linear::{LinearPixels, max3};
 
-use super::clip::SEEN;
 use super::interface::PredictExposure;
 use super::method::Method;
+use render::light::hidden::clip::SEEN;
 
 /// Number of columns below which a warning is given. With pixels of 5.6 degrees, many lamps are averaged with
 /// their surroundings and do not clip.

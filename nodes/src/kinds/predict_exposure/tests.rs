@@ -5,12 +5,12 @@ mod diffusion;
 mod pixels;
 mod suns;
 
-use super::clip::clip_mask;
-use super::clipped::Clipped;
-use super::grid::Grid;
 use super::*;
 use engine::InputFile;
 use engine::{Kind, Scene, Up};
+use render::light::hidden::clip::clip_mask;
+use render::light::hidden::clipped::Clipped;
+use render::light::hidden::grid::Grid;
 use render::light::linear::{LinearPixels, Transfer, linear_pixels};
 use scene::math::equirect::pixel_solid_angle;
 use scene::types::Srgb;

@@ -1,6 +1,6 @@
 //! Rays that hit the receiver where splats lie on it, arranged like the pixels of an image: one pixel per splat.
 
-use engine::{Context, NodeError};
+use engine::{Context, Digest, NodeError};
 use glam::{DVec3, Quat, Vec3};
 use scene::types::Splats;
 
@@ -11,6 +11,8 @@ use crate::transport::scene::receiver::Receiver;
 
 /// Number of splats per job.
 const CHUNK: usize = 4096;
+/// Start of the names of images that have one pixel for each splat.
+const NAMED: &str = "splats-";
 /// Bits of each coordinate in the order of splats.
 const BITS: u32 = 21;
 
@@ -32,6 +34,20 @@ impl SplatPixels {
         let columns = (1..=tiles).find(|columns| columns * columns >= tiles).unwrap_or(1);
         let size = (columns * TILE, tiles.div_ceil(columns) * TILE);
         Self { size, order }
+    }
+
+    /// Name of images with these pixels: `splats-` and 8 hexadecimal digits of the digest of the arrangement. Images of
+    /// splats with another arrangement have another name, even if they have the same size.
+    pub fn name(&self) -> String {
+        let bytes: Vec<u8> = self.order.iter().flat_map(|splat| splat.to_le_bytes()).collect();
+        let digest = Digest::of(&bytes).to_string();
+        format!("{NAMED}{}", &digest[..8])
+    }
+
+    /// Returns whether an image with this name has one pixel for each splat.
+    pub fn are_named(name: &str) -> bool {
+        name.strip_prefix(NAMED)
+            .is_some_and(|digest| digest.len() == 8 && digest.bytes().all(|b| b.is_ascii_hexdigit()))
     }
 
     /// Each splat with its pixel.
@@ -76,6 +92,8 @@ fn spread(bits: u64) -> u64 {
 pub struct SplatRays {
     /// Size of the image in pixels.
     pub size: (u32, u32),
+    /// [`SplatPixels::name`].
+    pub name: String,
     /// Row by row. The rays of splats that do not lie on the receiver end where they start.
     rays: Vec<Ray>,
     /// Number of splats that lie on the receiver.
@@ -108,7 +126,13 @@ impl SplatRays {
         for (splat, (x, y)) in pixels.iter() {
             rays[(y * pixels.size.0 + x) as usize] = found[splat].unwrap_or(none);
         }
-        Ok(Self { size: pixels.size, rays, on_receiver: found.iter().flatten().count() as u64, reach })
+        Ok(Self {
+            size: pixels.size,
+            name: pixels.name(),
+            rays,
+            on_receiver: found.iter().flatten().count() as u64,
+            reach,
+        })
     }
 
     /// The ray of a pixel.

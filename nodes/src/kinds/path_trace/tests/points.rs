@@ -22,7 +22,7 @@ fn splats(places: &[[f32; 2]]) -> Splats {
 /// Seen from straight above, pixels and splats have the same places. Under an even sky their ratios agree within six
 /// standard errors of 256 samples, and their means within 0.3 %; the edge of a sun's shadow lies at one side of a splat
 /// and crosses a pixel, so under a sun only the means are compared. The splat above the floor, and pixels without a splat, have a ratio of 1.
-/// This test fails if the rays come from below the floor, or if pixels are in the order of the file.
+/// This test fails if the rays come from below the floor.
 #[test]
 fn splats_have_the_ratio_of_the_pixels_that_show_them() {
     let (floor, objects, _) = shadowed();

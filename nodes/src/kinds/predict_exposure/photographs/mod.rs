@@ -12,8 +12,8 @@ use scene::math::color::srgb_from_linear;
 use scene::math::num;
 use scene::types::{Image, Panorama, Picture, Srgb, Taken};
 
-use super::clip::SEEN;
 use super::exposures::exposed;
+use render::light::hidden::clip::SEEN;
 
 /// Number of stops by which a photograph must show more light at a pixel for the pixel to count as clipped. At ten
 /// stops below white, this is half an 8-bit code.
