@@ -21,25 +21,24 @@ engine::choices! {
 engine::params! {
     /// Writes placed objects as GLB, for a viewer that shows them with the splats of `write-splats`.
     ///
-    /// The file has the unit of the splats, which is that of the world, so that objects and splats agree without a
-    /// further transform. Viewers of glTF assume metres: sizes in metres are right if `metres_per_unit` of the scene
-    /// is 1. For PLY, viewers must show objects and splats with the same rotation.
+    /// The unit of the file is that of the splats, so that objects and splats agree without a further transform.
+    /// Viewers of glTF take the unit as a metre, which is right if `metres_per_unit` of the scene is 1.
     ///
     /// Each object is a node with its transform. Shapes, materials with their extensions, and textures (as PNG) are
-    /// those that the renderer uses; occlusion maps, which it does not use, are not part of the file. Transforms with
-    /// a shear, which glTF cannot store, are applied to the vertices. Rasterizers take the thickness of transparent
-    /// bodies from the file: it is the shortest side of the bounding box of their surface.
+    /// those that the renderer uses. Occlusion maps, which it does not use, are not part of the file. A transform with
+    /// a shear, which glTF cannot store, is applied to the vertices. Rasterizers need the thickness of transparent
+    /// bodies: the file states the shortest side of the bounding box of their surface.
     pub struct WriteObject {
         /// The file: `.glb`.
         path: OutputFile, other("\"b.glb\"");
-        /// Frame of the coordinates. `World` belongs to splats in PLY, `YUp` to splats in SPZ.
+        /// Frame of the coordinates.
         frame: ObjectFrame = ObjectFrame::World, other("YUp");
     }
 }
 engine::inputs! {
     /// Inputs of [`WriteObject`].
     pub struct In {
-        /// The objects. Equal ones are stored once.
+        /// The objects. Equal objects are stored once.
         objects: Vec<Arc<Placed>>,
     }
 }
@@ -75,10 +74,10 @@ impl Kind for WriteObject {
     fn estimate(_: &Self, inputs: &In) -> Cost {
         let objects = || inputs.objects.iter().map(|placed| &*placed.object);
         let texels = || objects().flat_map(|object| &object.textures).map(|t| t.rgba.len() as u64 / 4);
-        // Compressed pictures are at most slightly longer than their texels. One picture at a time takes 8 bytes per
-        // texel, and its data are compressed to a second place before they are a file.
+        // Compressed pictures are at most slightly longer than their texels. One picture at a time is converted to 8
+        // bytes per texel and compressed to 4, and its file grows to 12 for a moment.
         let largest = texels().max().unwrap_or(0);
-        let compressing = Cost::of(texels().map(|texels| (texels, 4)).chain([(largest, 13)]));
+        let compressing = Cost::of(texels().map(|texels| (texels, 4)).chain([(largest, 21)]));
         // The pictures and the file; then the file and a copy of it while it is stored.
         let shapes = objects().map(|object| (geometry(object), 2));
         let writing = Cost::of(shapes.chain(texels().map(|texels| (texels, 8))));

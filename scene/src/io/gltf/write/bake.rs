@@ -9,8 +9,8 @@ use crate::types::Object;
 /// digits.
 const SKEW: f64 = 1e-5;
 
-/// True if the matrix is not a translation, a rotation and a scale along the axes of the object, of which a node of
-/// glTF must consist: viewers decompose the matrix, and a shear would be lost.
+/// True if the matrix is not a translation, a rotation and a scale along the axes of the object. glTF requires these
+/// parts of the matrix of a node: viewers decompose the matrix, and a shear would be lost.
 pub(super) fn is_sheared(matrix: DMat4) -> bool {
     let linear = DMat3::from_mat4(matrix);
     let [x, y, z] = [linear.x_axis, linear.y_axis, linear.z_axis];

@@ -6,7 +6,7 @@ use serde_json::Value;
 
 use crate::types::{Object, Primitive, Texture};
 
-/// What is wrong with an object, and what to do.
+/// Error in an object, and advice.
 #[derive(Debug)]
 pub(super) struct Bad {
     what: String,

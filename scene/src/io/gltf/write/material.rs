@@ -42,7 +42,7 @@ impl Fields {
     }
 }
 
-/// What the absorption of a body depends on, apart from its material.
+/// Size of a body that absorbs light.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Medium {
     /// Thickness of the body, in units of the object; above 0.

@@ -71,7 +71,7 @@ pub fn encode(
     Ok((binary.container(document.value(), cx)?, notes))
 }
 
-/// An object as the file stores it, and what depends on its size.
+/// An object as the file stores it, and its size.
 struct Shape {
     object: Arc<Object>,
     /// Length in the file of one unit of the object's coordinates, if a material absorbs light; otherwise 1.
@@ -188,7 +188,9 @@ fn thickness<'a>(surface: impl Iterator<Item = &'a Primitive>) -> f32 {
 fn compressed(texture: &Texture, progress: Progress<'_>) -> Result<Vec<u8>, NodeError> {
     let texels = texture.rgba.as_chunks::<4>().0;
     let channels = if texels.iter().all(|texel| texel[3] == 255) { 3 } else { 4 };
-    let codes = texels.iter().flat_map(|texel| &texel[..channels]).map(|&code| u16::from(code)).collect();
+    // Not collected, since the list would grow to twice its length.
+    let mut codes = Vec::with_capacity(texels.len() * channels);
+    codes.extend(texels.iter().flat_map(|texel| &texel[..channels]).map(|&code| u16::from(code)));
     let (width, height) = (texture.width as usize, texture.height as usize);
     let raster = Raster { width, height, channels, largest: 255, codes, ignored: Vec::new(), colour: None };
     // glTF determines the meaning of the codes, and the file must not state another one.

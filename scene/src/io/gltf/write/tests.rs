@@ -1,117 +1,17 @@
+mod sample;
+
 use std::collections::BTreeSet;
 
 use engine::{InputFile, Up};
 use glam::{DQuat, DVec3};
 
+use self::sample::{full, primitive, sample};
 use super::*;
 use crate::io::gltf::object::object;
 use crate::io::gltf::{Want, parse};
 use crate::io::splats::from_y_up;
-use crate::types::{
-    AlphaMode, Anisotropy, Clearcoat, ColourMap, DiffuseTransmission, Iridescence, Map, Material, NormalMap,
-    Sampler, Sheen, Specular, TextureRef, TextureTransform, Wrap,
-};
+use crate::types::Material;
 use testing::context;
-
-fn texture(width: u32, height: u32, opaque: bool) -> Texture {
-    let code = |i: u32| if opaque && i % 4 == 3 { 255 } else { (i * 37 % 251) as u8 };
-    Texture { width, height, rgba: (0..4 * width * height).map(code).collect() }
-}
-
-/// A reference to a texture; no two references are equal.
-fn reference(texture: u32, number: u32) -> TextureRef {
-    let wrap = |i: u32| [Wrap::Clamp, Wrap::Repeat, Wrap::Mirror][(i % 3) as usize];
-    let f = number as f32;
-    let transform =
-        TextureTransform { offset: [0.1 + f, 0.2 + f], rotation: 0.3 + f, scale: [1.4 + f, 1.5 + f] };
-    TextureRef {
-        texture,
-        uv_set: number % 2,
-        sampler: Sampler { wrap_u: wrap(number), wrap_v: wrap(number / 3), nearest: number % 2 == 0 },
-        transform: (number % 3 > 0).then_some(transform),
-    }
-}
-
-/// A material in which every number differs from all others and from its default. It uses the textures 0 to 16 in the
-/// order in which they are read.
-fn full() -> Material {
-    let some = |number: u32| Some(reference(number, number));
-    let map = |factor: f32, number: u32| Map { factor, texture: some(number) };
-    let colour =
-        |red: f32, number: u32| ColourMap { factor: [red, red + 0.01, red + 0.02], texture: some(number) };
-    let normal = |scale: f32, number: u32| Some(NormalMap { texture: reference(number, number), scale });
-    Material {
-        name: "all".to_owned(),
-        base_colour: [0.1, 0.2, 0.3, 0.4],
-        base_colour_texture: some(0),
-        metallic: 0.5,
-        roughness: 0.6,
-        metallic_roughness_texture: some(1),
-        normal: normal(0.7, 2),
-        emissive: [0.8, 30.9, 5.1],
-        emissive_texture: some(3),
-        alpha_mode: AlphaMode::Mask(0.41),
-        double_sided: true,
-        unlit: true,
-        ior: 1.7,
-        transmission: map(0.11, 4),
-        volume: Some([0.5, 3.0, 1.5]),
-        specular: Specular { strength: map(0.12, 5), colour: colour(1.13, 6) },
-        clearcoat: Clearcoat { strength: map(0.16, 7), roughness: map(0.17, 8), normal: normal(0.18, 9) },
-        sheen: Sheen { colour: colour(0.21, 10), roughness: map(0.24, 11) },
-        anisotropy: Anisotropy { strength: 0.25, rotation: -2.6, texture: some(12) },
-        iridescence: Iridescence {
-            strength: map(0.27, 13),
-            ior: 2.8,
-            thickness_nm: [129.0, 1310.0],
-            thickness_texture: some(14),
-        },
-        diffuse_transmission: DiffuseTransmission { strength: map(0.31, 16), colour: colour(0.32, 15) },
-    }
-}
-
-/// A primitive of `vertices` vertices with every attribute.
-fn primitive(vertices: usize, material: u32) -> Primitive {
-    let at = |i: usize, k: usize| ((i * 7 + k * 13) % 101) as f32 / 16.0;
-    let unit = |i: usize| [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]][i % 3];
-    Primitive {
-        positions: (0..vertices).map(|i| [at(i, 0) + i as f32, at(i * i, 1), at(i, 2) - 3.0]).collect(),
-        normals: (0..vertices).map(unit).collect(),
-        tangents: (0..vertices)
-            .map(|i| {
-                let [x, y, z] = unit(i + 1);
-                [x, y, z, if i % 2 == 0 { 1.0 } else { -1.0 }]
-            })
-            .collect(),
-        uv0: (0..vertices).map(|i| [at(i, 3), at(i, 4)]).collect(),
-        uv1: (0..vertices).map(|i| [at(i, 5), -at(i, 6)]).collect(),
-        colours: (0..vertices).map(|i| [7, 8, 9, 10].map(|k| at(i, k) / 8.0)).collect(),
-        triangles: (2..vertices as u32).map(|i| [i - 2, i - 1, i]).collect(),
-        material,
-    }
-}
-
-/// An object with materials with every field, with none, and with few.
-fn sample() -> Object {
-    let few = Material {
-        name: "few".to_owned(),
-        base_colour_texture: Some(TextureRef { transform: None, ..reference(17, 3) }),
-        emissive: [0.25, 0.5, 1.0],
-        alpha_mode: AlphaMode::Blend,
-        ..Material::default()
-    };
-    let bare = Primitive {
-        positions: vec![[0.0; 3], [0.1, 0.0, 0.0], [0.0, 0.3, -0.7]],
-        triangles: vec![[2, 1, 0]],
-        material: 1,
-        ..Primitive::default()
-    };
-    Object {
-        primitives: vec![primitive(5, 0), bare, primitive(300, 2)],
-        materials: vec![full(), Material::default(), few],
-        textures: (1..19).map(|i| texture(i, 3, i % 2 == 0)).collect(),
-    }
-}
 
 fn placed(object: &Arc<Object>, matrix: DMat4) -> Arc<Placed> {
     Arc::new(Placed { object: Arc::clone(object), world_from_object: matrix })
@@ -131,13 +31,10 @@ fn json_of(bytes: &[u8]) -> Value {
     parse("a.glb", bytes).unwrap_or_else(|e| panic!("{e}")).json
 }
 
-/// The object as it is read from a file with these matrices: transformed in f64 by matrices in f32.
-fn expected(object: &Object, matrices: &[DMat4], scale: f64) -> Object {
-    let mut all = Object { primitives: Vec::new(), ..object.clone() };
-    for matrix in matrices {
-        let matrix = DMat4::from_cols_array(&matrix.to_cols_array().map(|v| f64::from(v as f32)));
-        all.primitives.extend(bake::transformed(object, matrix).primitives);
-    }
+/// The object as it is read from a file with this matrix: transformed in f64 by a matrix in f32.
+fn expected(object: &Object, matrix: DMat4, scale: f64) -> Object {
+    let matrix = DMat4::from_cols_array(&matrix.to_cols_array().map(|v| f64::from(v as f32)));
+    let mut all = bake::transformed(object, matrix);
     for volume in all.materials.iter_mut().filter_map(|m| m.volume.as_mut()) {
         *volume = volume.map(|a| (f64::from(a) / scale) as f32);
     }
@@ -160,7 +57,7 @@ fn assert_same(mut got: Object, want: Object) {
     assert!(got == want, "the numbers of parts or the textures differ");
 }
 
-/// What is written is read back, bit for bit. This test fails if any two fields of a material are swapped or if one
+/// Writing and reading give the same object, bit for bit. This test fails if any two fields of a material are swapped or if one
 /// is left out, and if an attribute, a sampler or a type of indices is wrong.
 #[test]
 fn an_object_comes_back_as_it_was() {
@@ -188,13 +85,20 @@ fn objects_stand_where_they_are_placed() {
     let mirrored = uneven * DMat4::from_scale(DVec3::new(1.0, 1.0, -1.0));
     let mut sheared = DMat4::from_translation(DVec3::new(1.0, 2.0, 3.0));
     sheared.y_axis.x = 0.5;
+    for (column, row) in [(1, 0), (2, 1), (0, 2)] {
+        let mut matrix = DMat4::IDENTITY;
+        matrix.col_mut(column)[row] = 0.01;
+        assert!(bake::is_sheared(matrix));
+    }
     for up in [Up::PlusZ, Up::PlusY, Up::MinusY] {
         let frame = from_y_up(up).transpose();
         let turned = DMat4::from_mat3(frame);
         for matrix in [uneven, mirrored, sheared, sheared * DMat4::from_scale(DVec3::new(-1.0, 1.0, 1.0))] {
             let scale = num::pow(DMat3::from_mat4(matrix).determinant().abs(), 1.0 / 3.0);
-            let got = read(&written(&[placed(&object, matrix)], frame));
-            let mut want = expected(&object, &[turned * matrix], scale);
+            let bytes = written(&[placed(&object, matrix)], frame);
+            assert_eq!(json_of(&bytes)["nodes"][0].get("matrix").is_none(), matrix.y_axis.x == 0.5);
+            let got = read(&bytes);
+            let mut want = expected(&object, turned * matrix, scale);
             // The normals and tangents of a shear are rounded once, those of a node twice.
             for (got, want) in got.primitives.iter().zip(&mut want.primitives) {
                 let near = |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6);
@@ -214,8 +118,8 @@ fn what_is_equal_is_written_once() {
     let mut object = Object { materials: vec![Material { volume: None, ..full() }], ..sample() };
     object.primitives.iter_mut().for_each(|p| p.material = 0);
     let mut other = object.clone();
-    other.materials.insert(0, Material { name: "unused".to_owned(), ..Material::default() });
-    other.primitives.iter_mut().for_each(|p| p.material = 1);
+    other.materials.splice(0..0, [Material::default(), Material::default()]);
+    other.primitives.iter_mut().for_each(|p| p.material = 2);
     other.primitives.push(Primitive::default());
     let (same, object, other) = (Arc::new(object.clone()), Arc::new(object), Arc::new(other));
     let at = |x: f64| DMat4::from_translation(DVec3::new(x, 0.0, 0.0));
@@ -235,7 +139,8 @@ fn what_is_equal_is_written_once() {
     let meshes: Vec<_> = (0..4).map(|i| json["nodes"][i]["mesh"].as_u64()).collect();
     assert_eq!(meshes, [Some(0), Some(0), Some(0), Some(1)]);
     assert_eq!(json["nodes"][3]["name"], "object 4");
-    assert_eq!(read(&bytes).primitives.len(), 12);
+    let materials: Vec<u32> = read(&bytes).primitives.iter().map(|p| p.material).collect();
+    assert_eq!(materials, [0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 1]);
     // A body that absorbs light has its own material for each size.
     let glass = Arc::new(sample());
     let bytes = written(
@@ -300,7 +205,9 @@ fn the_parts_of_the_file_are_in_their_places() {
 /// Emission is exact whatever its strength, up to the largest that is read; so is a medium without absorption.
 #[test]
 fn emission_and_clear_media_are_exact() {
-    for emissive in [[0.0, 1.0, 0.3], [1.000_000_1, 0.1, 0.2], [7.3, 1e-3, 0.1], [3e11, 5.5e11, 0.7]] {
+    for emissive in
+        [[0.0, 1.0, 0.3], [1.000_000_1, 0.1, 0.2], [7.3, 1e-3, 0.1], [1.94, 5.76, 7.25], [3e11, 5.5e11, 0.7]]
+    {
         let material = Material { emissive, volume: Some([0.0; 3]), ..Material::default() };
         let object =
             Object { primitives: vec![primitive(3, 0)], materials: vec![material], textures: vec![] };
