@@ -100,6 +100,7 @@ fn built_in() -> Registry {
         KindEntry::of::<write_image::WriteImage>(),
         KindEntry::of::<write_lut::WriteLut>(),
         KindEntry::of::<write_mesh::WriteMesh>(),
+        KindEntry::of::<write_object::WriteObject>(),
         KindEntry::of::<write_report::WriteReport>(),
         KindEntry::of::<write_splats::WriteSplats>(),
     ])

@@ -48,5 +48,6 @@ pub mod write_exr;
 pub mod write_image;
 pub mod write_lut;
 pub mod write_mesh;
+pub mod write_object;
 pub mod write_report;
 pub mod write_splats;

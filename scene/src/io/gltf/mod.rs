@@ -1,4 +1,5 @@
-//! glTF and GLB: the container, its checked document, buffers, accessors, pictures, and objects made of them.
+//! glTF and GLB: the container, its checked document, buffers, accessors, pictures, and objects made of them; objects
+//! written as GLB.
 
 mod accessor;
 pub(crate) mod address;
@@ -8,6 +9,7 @@ mod document;
 mod file;
 pub mod object;
 pub(crate) mod specular_glossiness;
+pub mod write;
 
 use std::collections::BTreeSet;
 

@@ -7,6 +7,7 @@ pub mod tangents;
 mod tests;
 
 pub use geometry::local;
+pub(super) use geometry::{inverse_transpose, turned};
 
 use std::collections::BTreeSet;
 use std::path::Path;

@@ -23,7 +23,7 @@ pub(super) fn rotation(q: [f64; 4]) -> DQuat {
 }
 
 /// The matrix that transforms normals, up to a positive factor.
-pub(super) fn inverse_transpose(m: DMat3) -> DMat3 {
+pub(in crate::io::gltf) fn inverse_transpose(m: DMat3) -> DMat3 {
     // Cofactors: the inverse transpose times the determinant, so a singular matrix causes no division by 0. The
     // sign of the determinant gives normals of a mirror the right orientation.
     let [x, y, z] = [m.x_axis, m.y_axis, m.z_axis];
@@ -32,7 +32,7 @@ pub(super) fn inverse_transpose(m: DMat3) -> DMat3 {
 }
 
 /// Transforms a unit vector and normalises the result. Returns the zero vector if the result has length 0.
-pub(super) fn turned(m: DMat3, v: DVec3) -> [f32; 3] {
+pub(in crate::io::gltf) fn turned(m: DMat3, v: DVec3) -> [f32; 3] {
     let unit = (m * v).try_normalize().unwrap_or(DVec3::ZERO);
     unit.as_vec3().to_array()
 }

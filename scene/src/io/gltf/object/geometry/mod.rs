@@ -16,7 +16,7 @@ use crate::io::colour_range::Range;
 use crate::io::gltf::{File, Numbers};
 use crate::types::{Material, Primitive};
 pub use matrix::local;
-use matrix::{inverse_transpose, turned};
+pub(in crate::io::gltf) use matrix::{inverse_transpose, turned};
 use tally::Tally;
 
 /// Maximum number of vertices of an object. Without this limit, a small file that repeats a mesh could exhaust the
