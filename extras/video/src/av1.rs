@@ -126,7 +126,7 @@ impl Encoding {
         config.set_key_frame_interval(self.segment as u64, self.segment as u64);
         match self.rate {
             Rate::Quality(quality) => {
-                config.quantizer = (COARSEST * (1.0 - quality / 100.0)).round() as usize
+                config.quantizer = (COARSEST * (1.0 - quality / 100.0)).round() as usize;
             }
             Rate::Mbps(rate) => config.bitrate = (rate * 1e6) as i32,
         }

@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use engine::{Context, Cost, FileBytes, Files, Kind, NodeError, Notes, OutputFile};
 use scene::io::quantise::{AlphaOutput, DisplaySpace, Lost, Shown, quantise};
 use scene::math::color::view::View;
+use scene::math::num;
 use scene::types::{Images, Picture};
 
 use crate::av1::{Encoding, Segment};
@@ -197,7 +198,7 @@ fn report(view: &str, encoding: &Encoding, (frames, bytes): (usize, usize), squa
     let seconds = frames as f64 * f64::from(encoding.fps.1) / f64::from(encoding.fps.0);
     let peak = f64::from((1_u32 << encoding.coding.bits) - 1);
     let accuracy = if squared_error > 0.0 {
-        format!("PSNR of luma {:.1} dB", 10.0 * (peak * peak / squared_error).log10())
+        format!("PSNR of luma {:.1} dB", 10.0 * num::f64::log10(peak * peak / squared_error))
     } else {
         "luma without loss".to_owned()
     };

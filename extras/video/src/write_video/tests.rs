@@ -51,8 +51,11 @@ fn write(p: &WriteVideo, frames: Vec<Arc<Images>>) -> Result<(Vec<u8>, String), 
     Ok((out.files.0[0].bytes.clone(), format!("{notes:?}")))
 }
 
-/// Time, duration and key of each frame, and the size of the picture, as a reader of MP4 sees them.
-fn read(file: &[u8]) -> (Vec<(u64, u32, bool)>, (u16, u16), u32) {
+/// Time, duration and key of a frame.
+type Frame = (u64, u32, bool);
+
+/// The frames, the size of the picture and the unit of times, as a reader of MP4 sees them.
+fn read(file: &[u8]) -> (Vec<Frame>, (u16, u16), u32) {
     let mut reader = Mp4FileDemuxer::new();
     while let Some(wanted) = reader.required_input() {
         let start = wanted.position as usize;
@@ -111,7 +114,7 @@ fn quality_costs_bytes() {
         last = (segment.squared_error, bytes);
     }
     let mean = last.0 / (6 * SIZE.0 * SIZE.1) as f64;
-    assert!(10.0 * (255.0 * 255.0 / mean).log10() > 45.0, "{mean}");
+    assert!(10.0 * num::f64::log10(255.0 * 255.0 / mean) > 45.0, "{mean}");
 }
 
 #[test]

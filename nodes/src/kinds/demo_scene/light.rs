@@ -469,7 +469,10 @@ impl Cache {
         // Squared distance to the cells before, around and after `p` along each axis; a little less, for rounding.
         let gaps = [0, 1, 2].map(|i| {
             let start = self.low[i] + middle[i] as f64 * RADIUS;
-            let squared = |gap: f64| (gap - 1e-9).max(0.0).powi(2);
+            let squared = |gap: f64| {
+                let least = (gap - 1e-9).max(0.0);
+                least * least
+            };
             let before = if middle[i] > 0 { squared(p[i] - start) } else { f64::INFINITY };
             let is_last = middle[i] + 1 == self.size[i];
             let after = if is_last { f64::INFINITY } else { squared(start + RADIUS - p[i]) };

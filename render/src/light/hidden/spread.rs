@@ -23,7 +23,7 @@ pub struct Spread {
     /// For each region, the sum of luminance times solid angle over its clipped pixels.
     pub flux: Vec<f64>,
     /// For each region, the luminance of its clipped pixels times the solid angle of the whole cells that contain
-    /// them. The ratio to `flux` is at most [`LARGEST_DILUTION`].
+    /// them. The ratio to `flux` is at most `LARGEST_DILUTION`.
     pub cell_flux: Vec<f64>,
 }
 
