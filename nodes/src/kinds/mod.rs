@@ -1,7 +1,7 @@
 //! The kinds of nodes. Each kind is one file, or a folder if it is large.
 //!
 //! A kind holds its documentation, parameters, ports, code and unit tests. No kind imports another. Code that
-//! several kinds need is in one of the shared modules (`render`, `geometry`, `light`, `io`, `types`, `math`).
+//! several kinds need is in the crates `render` and `scene`.
 
 pub mod alpha_shadow;
 pub mod bake_shadow;
