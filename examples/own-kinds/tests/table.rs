@@ -13,7 +13,7 @@ const FIXTURE: &str = r#"Graph(
     version: 1,
     scene: (up: "+z", seed: 5),
     nodes: (
-        demo:    DemoScene(splats: 3000, width_px: 40, height_px: 24, truth_width_px: 32, capture: 0),
+        demo:    DemoScene(splats: 3000, width_px: 40, height_px: 24, truth_width_px: 32, capture: 4),
         view:    SplatRender(splats: "demo.splats", rig: "demo.rig"),
         measure: MeasureHistogram(image: "view.colour"),
         drawn:   DrawHistogram(histogram: "measure"),
