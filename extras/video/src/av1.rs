@@ -8,7 +8,7 @@ use rav1e::prelude::{
 use scene::io::quantise::DisplaySpace;
 
 use crate::VideoError;
-use crate::planes::{Coding, Planes, Sampling};
+use crate::planes::{Chroma, Coding, Planes};
 use crate::rate::Rate;
 
 /// A temporal delimiter, which starts the data of each frame and is left out in MP4 (AV1 Codec ISO Media File Format
@@ -83,9 +83,10 @@ impl Encoding {
                     segment
                         .samples
                         .push(Sample { data: data.to_vec(), is_key: packet.frame_type == FrameType::KEY });
-                    if let (Some(decoded), Some(source)) = (&packet.rec, &packet.source) {
-                        segment.squared_error += self.squared_error(&decoded.planes[0], &source.planes[0]);
-                    }
+                    let (Some(decoded), Some(source)) = (&packet.rec, &packet.source) else {
+                        return Err(VideoError::Encoder("a frame was not decoded for comparison".to_owned()));
+                    };
+                    segment.squared_error += self.squared_error(&decoded.planes[0], &source.planes[0]);
                     if !on_frame() {
                         return Err(VideoError::Stopped);
                     }
@@ -113,9 +114,9 @@ impl Encoding {
             height: self.size.1,
             time_base: Rational::new(u64::from(self.fps.1), u64::from(self.fps.0)),
             bit_depth: self.coding.bits as usize,
-            chroma_sampling: match self.coding.sampling {
-                Sampling::Half => ChromaSampling::Cs420,
-                Sampling::Full => ChromaSampling::Cs444,
+            chroma_sampling: match self.coding.chroma {
+                Chroma::Half => ChromaSampling::Cs420,
+                Chroma::Full => ChromaSampling::Cs444,
             },
             chroma_sample_position: ChromaSamplePosition::Vertical,
             pixel_range: PixelRange::Limited,
@@ -135,9 +136,9 @@ impl Encoding {
 
     fn frame<T: Pixel>(&self, planes: &Planes, context: &Context<T>) -> rav1e::prelude::Frame<T> {
         let mut frame = context.new_frame();
-        let chroma = match self.coding.sampling {
-            Sampling::Half => self.size.0.div_ceil(2),
-            Sampling::Full => self.size.0,
+        let chroma = match self.coding.chroma {
+            Chroma::Half => self.size.0.div_ceil(2),
+            Chroma::Full => self.size.0,
         };
         for (plane, (samples, width)) in
             frame.planes.iter_mut().zip(planes.samples.iter().zip([self.size.0, chroma, chroma]))

@@ -11,7 +11,7 @@ use shiguredo_mp4::{BoxSize, BoxType, TrackKind, Uint};
 
 use crate::VideoError;
 use crate::av1::{Encoding, Sample, description};
-use crate::planes::Sampling;
+use crate::planes::Chroma;
 
 /// Level index for streams without a limit of size and rate (AV1 specification, annex A).
 const UNLIMITED: u8 = 31;
@@ -60,7 +60,7 @@ pub fn write(encoding: &Encoding, samples: &[Sample]) -> Result<Vec<u8>, VideoEr
 
 fn sample_entry(encoding: &Encoding, header: &[u8]) -> Av01Box {
     let coding = encoding.coding;
-    let half = u8::from(coding.sampling == Sampling::Half);
+    let half = u8::from(coding.chroma == Chroma::Half);
     Av01Box {
         visual: VisualSampleEntryFields {
             data_reference_index: VisualSampleEntryFields::DEFAULT_DATA_REFERENCE_INDEX,

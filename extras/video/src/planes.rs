@@ -3,13 +3,14 @@
 use scene::io::png::Raster;
 use scene::io::quantise::DisplaySpace;
 
-/// Resolution of chroma.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Sampling {
-    /// Half in both directions (4:2:0).
-    Half,
-    /// Full (4:4:4).
-    Full,
+engine::choices! {
+    /// Resolution of chroma.
+    pub enum Chroma {
+        /// Half in both directions (4:2:0), which every player shows.
+        Half,
+        /// Full (4:4:4), for sharp coloured edges. Browsers and desktop players show it; many televisions do not.
+        Full,
+    }
 }
 
 /// How colours are coded.
@@ -18,7 +19,7 @@ pub struct Coding {
     /// Bits per sample: 8 or 10.
     pub bits: u32,
     /// Resolution of chroma.
-    pub sampling: Sampling,
+    pub chroma: Chroma,
     /// Colour space of the codes.
     pub space: DisplaySpace,
 }
@@ -56,9 +57,9 @@ impl Planes {
             chroma[0].push((b - y) / (2.0 * (1.0 - blue)));
             chroma[1].push((r - y) / (2.0 * (1.0 - red)));
         }
-        let [u, v] = chroma.map(|plane| match coding.sampling {
-            Sampling::Full => plane.into_iter().map(chroma_of).collect(),
-            Sampling::Half => halved((width, height), &plane).into_iter().map(chroma_of).collect(),
+        let [u, v] = chroma.map(|plane| match coding.chroma {
+            Chroma::Full => plane.into_iter().map(chroma_of).collect(),
+            Chroma::Half => halved((width, height), &plane).into_iter().map(chroma_of).collect(),
         });
         Self { samples: [luma, u, v] }
     }
@@ -102,7 +103,7 @@ mod tests {
     /// The codes of the primaries of BT.709 and BT.2020, computed from the definitions in the recommendations.
     #[test]
     fn primaries_have_the_codes_of_the_standards() {
-        let coding = |bits, space| Coding { bits, sampling: Sampling::Full, space };
+        let coding = |bits, space| Coding { bits, chroma: Chroma::Full, space };
         let full = 65_535;
         let pixels = [0, 0, 0, full, full, full, full, 0, 0, 0, full, 0, 0, 0, full];
         let [y, u, v] = of(5, &pixels, coding(8, DisplaySpace::Srgb));
@@ -118,7 +119,7 @@ mod tests {
     /// A red column in a black frame, and frames of odd size.
     #[test]
     fn chroma_is_averaged_around_even_columns() {
-        let coding = Coding { bits: 8, sampling: Sampling::Half, space: DisplaySpace::Srgb };
+        let coding = Coding { bits: 8, chroma: Chroma::Half, space: DisplaySpace::Srgb };
         let mut codes = vec![0; 3 * 5 * 3];
         for row in 0..3 {
             codes[3 * (row * 5 + 2)] = 65_535;

@@ -10,19 +10,11 @@ use scene::math::num;
 use scene::types::{Images, Picture};
 
 use crate::av1::{Encoding, Segment};
-use crate::planes::{Coding, Planes, Sampling};
+pub use crate::planes::Chroma;
+use crate::planes::{Coding, Planes};
 use crate::rate::Rate;
 use crate::{VideoError, mp4};
 
-engine::choices! {
-    /// Resolution of chroma.
-    pub enum Chroma {
-        /// Half in both directions (4:2:0), which every player shows.
-        Half,
-        /// Full (4:4:4), for sharp coloured edges. Browsers and desktop players show it; many televisions do not.
-        Full,
-    }
-}
 engine::params! {
     /// Writes frames as a film: AV1 in MP4, which browsers and current players show.
     ///
@@ -179,8 +171,7 @@ impl WriteVideo {
     }
 
     fn coding(&self) -> Coding {
-        let sampling = if self.chroma == Chroma::Half { Sampling::Half } else { Sampling::Full };
-        Coding { bits: self.bits, sampling, space: self.space }
+        Coding { bits: self.bits, chroma: self.chroma, space: self.space }
     }
 
     fn encoding(&self, size: (usize, usize)) -> Encoding {

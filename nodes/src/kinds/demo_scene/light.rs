@@ -463,7 +463,8 @@ impl Cache {
         Ok(())
     }
 
-    /// Index of the point with the largest weight at `p`, the first of those that are equal; `u32::MAX` if there is none.
+    /// Index of the point with the largest weight at `p`. Of equal weights, the first point counts. `u32::MAX` if no point
+    /// is near.
     fn nearest(&self, p: DVec3, n: DVec3) -> u32 {
         let middle = self.place(p);
         // Squared distance to the cells before, around and after `p` along each axis; a little less, for rounding.
