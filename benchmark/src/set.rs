@@ -45,7 +45,11 @@ impl Set {
         let absolute = match folder.canonicalize() {
             Ok(folder) => folder,
             Err(error) => {
-                mistakes.add(SET_FILE, "", format!("cannot be read: {error}; name the folder of a set"));
+                mistakes.add(
+                    SET_FILE,
+                    "",
+                    format!("cannot be read: {error}; give the path of the folder that contains the set"),
+                );
                 return Err(whole(mistakes));
             }
         };

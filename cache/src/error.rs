@@ -18,7 +18,7 @@ pub enum Error {
         /// The error that the operating system reported.
         source: io::Error,
     },
-    /// The system reported an error.
+    /// The operating system reported an error.
     #[error("cannot {operation} {}", path.display())]
     Io {
         /// The operation that failed, as a verb: "write", "append to".

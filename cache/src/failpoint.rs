@@ -49,7 +49,7 @@ pub const NAMES: &[&str] = &[
     GC_BLOB_GONE,
 ];
 
-/// The places in the writing of a file that gets its final name by a rename.
+/// Failpoints in the code that writes a file under a temporary name and renames it.
 #[derive(Debug)]
 pub(crate) struct FilePoints {
     pub before_create: &'static str,
@@ -75,13 +75,13 @@ macro_rules! file_points {
     };
 }
 
-/// The places in the writing of a blob to a separate file.
+/// Failpoints in the code that writes a blob to a separate file.
 pub(crate) const BLOB: FilePoints = file_points!("blob");
-/// The places in the writing of a new or compacted log.
+/// Failpoints in the code that writes a new or compacted log.
 pub(crate) const LOG: FilePoints = file_points!("log");
-/// The places in the writing of the index of a log.
+/// Failpoints in the code that writes the index of a log.
 pub(crate) const INDEX: FilePoints = file_points!("index");
-/// The places in the writing of a file for the user.
+/// Failpoints in the code that writes a file for the user.
 pub(crate) const PUBLISH: FilePoints = file_points!("publish");
 
 /// The point just after the folder of a published file has been synced.

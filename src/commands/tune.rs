@@ -5,7 +5,7 @@ use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 use clap::Args;
-use engine::PRESETS;
+use engine::{Event, PRESETS};
 use serde_json::json;
 use trade::Metric;
 use trade::bench::Bench;
@@ -13,7 +13,7 @@ use trade::plot::tick_text;
 use trade::search::Goal;
 use trade::tune::{Unit, Wanted, tune};
 
-use crate::session::{EngineArgs, Error, GraphArgs, on_interrupt, time};
+use crate::session::{EngineArgs, Error, GraphArgs, RemoteArgs, on_interrupt, time};
 use crate::terminal;
 use crate::terminal::measuring::{Measuring, outlook_text};
 
@@ -28,6 +28,8 @@ pub struct Tune {
     graph: GraphArgs,
     #[command(flatten)]
     engine: EngineArgs,
+    #[command(flatten)]
+    remote: RemoteArgs,
     /// Find the least work with at most this error, such as flip=0.02, psnr=40 or touched.rmse=0.01; `touched.`
     /// counts only pixels that the object changes, `object.` only pixels that it covers, `shadow.` only pixels that
     /// it changes but does not cover
@@ -66,8 +68,12 @@ impl Tune {
         let limit = self.time.as_deref().map(time).transpose()?;
         let loaded = self.graph.load_to_turn()?;
         loaded.check_output(&self.out)?;
-        let engine = self.engine.open()?;
         let cancel = on_interrupt()?;
+        let (engine, remote) = self.remote.connect(self.engine.open()?, &cancel, |warning| {
+            if let Event::Warning { text, .. } = warning {
+                terminal::remark(text);
+            }
+        })?;
         let mut bench = Bench::new(&engine, &loaded.graph, &loaded.only, cancel.clone())?;
         if let Some(limit) = limit {
             bench.end_at(begin + limit);
@@ -119,6 +125,7 @@ impl Tune {
         if let Some(wrong) = tuned.wrong {
             terminal::remark(&wrong.to_string());
         }
+        remote.and_then(|remote| remote.summary()).iter().for_each(|line| terminal::remark(line));
         Ok(if stopped { 130 } else { 0 })
     }
 

@@ -98,8 +98,8 @@ fn source(change: &Change) -> Option<&str> {
     (name == "sources").then(|| rest.split_once("].").map_or(rest, |(_, file)| file).trim_matches('"'))
 }
 
-/// The names of the files that were added to or removed from `sources`. `side` returns the old or the new value of
-/// a change; a file is listed if this value is missing.
+/// Names of the files in `sources` for which `side` returns `None`. If `side` returns the old value of a change, these
+/// are the added files; if it returns the new value, the removed files.
 fn files(changes: &[Change], side: impl Fn(&Change) -> &Option<String>) -> Vec<&str> {
     changes.iter().filter(|change| side(change).is_none()).filter_map(source).collect()
 }

@@ -1,7 +1,8 @@
 //! Tests of `run --remote` and `key`, with a real server.
 #![allow(clippy::unwrap_used, missing_docs, reason = "a test may stop at the first surprise")]
 
-use std::process::Output;
+use std::io::{BufRead, BufReader};
+use std::process::{Output, Stdio};
 
 use serde_json::Value;
 
@@ -27,6 +28,25 @@ impl User {
         let mut command = self.0.command(arguments);
         command.env("XDG_CONFIG_HOME", self.0.path("config")).env_remove("LIGHTHARMONY_REMOTE");
         command.output().unwrap()
+    }
+
+    /// Watches the graph until its first picture is finished, and then closes standard input. Returns all events.
+    fn watch(&self, arguments: &[&str]) -> RunLog {
+        let mut command =
+            self.0.command(&[&["watch", "graph.ron", "--json", "--stop-at-eof"], arguments].concat());
+        command.env("XDG_CONFIG_HOME", self.0.path("config")).env_remove("LIGHTHARMONY_REMOTE");
+        let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+        let mut input = child.stdin.take();
+        let mut events: Vec<Value> = Vec::new();
+        for line in BufReader::new(child.stdout.take().unwrap()).lines() {
+            let event: Value = serde_json::from_str(&line.unwrap()).unwrap();
+            if event["event"] == "done" {
+                input = None;
+            }
+            events.push(event);
+        }
+        drop(input);
+        RunLog { code: child.wait().unwrap().code().unwrap_or(-1), events, errors: String::new() }
     }
 
     fn good(&self, arguments: &[&str]) -> String {
@@ -91,6 +111,15 @@ fn two_users_share_results_through_a_server() {
     // Only the values of the three sinks came.
     assert_eq!(traffic(&log)["values"], 3, "{}", traffic(&log));
 
+    // `watch` uses the server too.
+    std::fs::remove_dir_all(ben.0.path("cache")).unwrap();
+    std::fs::remove_dir_all(ben.0.path("out")).unwrap();
+    let log = ben.watch(&["--remote", &address]);
+    let ran: Vec<&str> = log.nodes("ran");
+    assert!(ran.iter().all(|node| ["camera", "pose", "probe"].contains(node)), "{ran:?}");
+    assert_eq!(anna.0.outputs(), ben.0.outputs());
+    assert_eq!(traffic(&log)["values"], 3, "{}", traffic(&log));
+
     // The address may come from a file or the environment; `none` turns it off.
     let config = ben.0.path("config/lightharmony");
     std::fs::write(config.join("remote.ron"), format!("Remote(address: {address:?})")).unwrap();
@@ -117,6 +146,10 @@ fn a_server_that_cannot_be_reached_is_reported() {
     let error = user.bad(&["run", "graph.ron", "--remote", address, "--no-remote-fallback"]);
     assert!(error.contains(address) && error.contains("--no-remote-fallback"), "{error}");
     assert!(!user.0.path("out").exists(), "nothing ran");
+    for command in [&["watch", "graph.ron"][..], &["tune", "graph.ron", "--max-error", "flip=0.1"]] {
+        let error = user.bad(&[command, &["--remote", address, "--no-remote-fallback"]].concat());
+        assert!(error.contains(address) && error.contains("--no-remote-fallback"), "{error}");
+    }
     let log = user.run(&["--remote", address]).good();
     assert_eq!(warnings(&log), ["remote-lost"]);
     for (wrong, message) in [

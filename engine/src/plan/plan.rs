@@ -318,7 +318,7 @@ impl<'a> Outlook<'a> {
 }
 
 /// Fraction of a node's work that is new, from 0 to 1. It is less than 1 only if nothing but the parameter
-/// `refines` has changed.
+/// named by `refines` has changed.
 fn new_share(fate: &Fate, refines: Option<&str>) -> f64 {
     let Fate::Runs(Why::Changed(changes)) = fate else { return 1.0 };
     let ([Change { path, old: Some(old), new: Some(new) }], Some(refines)) = (changes.as_slice(), refines)

@@ -132,7 +132,7 @@ fn emitters_table(env: &Environment, truth: &Environment) -> Table {
         "strength, log2(recovered / reference) (stops)",
         "colour, angle in RGB (deg)",
         "share of all light in the reference",
-        "share of all light, recovered",
+        "share of all light in the recovered environment",
         "share, log2(recovered / reference) (stops)",
     ];
     Table::new("emitters", columns, rows.collect())

@@ -238,6 +238,31 @@ mod tests {
             .0
     }
 
+    /// `near` is in metres: a capture in units of 20 m has the panorama of the same capture in metres. Without the scale it is
+    /// cut away, with a warning. This test fails if `Drawing::settings` ignores `metres_per_unit`.
+    #[test]
+    fn near_is_in_metres() {
+        let run = |scale: f32, metres_per_unit: f64| {
+            let mut splats = Splats::clone(&sky(DVec3::ZERO));
+            splats.means.iter_mut().for_each(|mean| *mean = mean.map(|v| v * 0.2 * scale));
+            splats.scales.iter_mut().for_each(|axes| *axes = axes.map(|v| v * 0.2 * scale));
+            let at = Arc::new(Pose { world_from_local: DMat4::IDENTITY });
+            let world = engine::Scene { up: engine::Up::PlusZ, metres_per_unit, seed: 7, exhaustive: false };
+            let input = In { splats: Arc::new(splats), at, limit: None };
+            let (out, notes) =
+                SplatPanorama::run(&params(32, 1), input, &Context::detached(world, ".")).expect("runs");
+            (out.image.0[0].picture.samples().to_vec(), notes.iter().any(|note| note.id == "near-cuts"))
+        };
+        let (wanted, cut) = run(1.0, 1.0);
+        for metres_per_unit in [20.0, 0.01, 1000.0] {
+            let (found, warned) = run((1.0 / metres_per_unit) as f32, metres_per_unit);
+            assert!(!cut && !warned, "{metres_per_unit}");
+            let off = wanted.iter().zip(&found).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+            assert!(off < 1e-3, "{metres_per_unit}: {off}");
+        }
+        assert!(run(0.05, 1.0).1, "a unit is taken as a metre");
+    }
+
     // Two independent paths to the same panorama: they share the blend, but not the mapping of directions.
     #[test]
     fn it_shows_what_the_faces_of_a_cube_show() {

@@ -210,6 +210,50 @@ mod tests {
     use scene::math::equirect;
     use testing::context;
 
+    /// `near` is in metres: in a capture scaled so that a unit is 20 m, as by nerfstudio, splats 0.1 units away are seen. The
+    /// picture is that of the same capture in metres. Without the scale they are cut away, with a warning. This test fails
+    /// if `Drawing::settings` ignores `metres_per_unit`.
+    #[test]
+    fn near_is_in_metres() {
+        let at_scale = |scale: f32| {
+            let mut splats = Splats::empty();
+            for i in 0..12_u8 {
+                let angle = f64::from(i) / 12.0 * std::f64::consts::TAU;
+                let (sin, cos) = scene::math::num::sin_cos(angle);
+                // No two at the same depth, or the order of ties would decide.
+                let distance = 2.0 + 0.13 * f32::from(i);
+                splats
+                    .means
+                    .push([cos as f32, sin as f32, 0.02 * f32::from(i)].map(|v| v * distance * scale));
+                splats.quats.push([1.0, 0.0, 0.0, 0.0]);
+                splats.scales.push([0.8 * scale; 3]);
+                splats.opacities.push(0.9);
+                splats.sh.push([0.5, 0.1 * f32::from(i), -0.3]);
+            }
+            Arc::new(splats)
+        };
+        let run = |scale: f32, metres_per_unit: f64, near: f64| {
+            let rig = cube(glam::DVec3::ZERO, equirect::axes(engine::Up::PlusZ), 16, 0.0, Turn::Aligned);
+            let input = In { splats: at_scale(scale), rig: Arc::new(rig), limit: None };
+            let world = engine::Scene { up: engine::Up::PlusZ, metres_per_unit, seed: 7, exhaustive: false };
+            let params = (SplatRender::default(), Drawing { near, ..Drawing::default() });
+            let (out, notes) =
+                SplatRender::run(&params, input, &Context::detached(world, ".")).expect("renders");
+            let samples: Vec<f32> =
+                out.colour.0.iter().flat_map(|one| one.picture.samples().to_vec()).collect();
+            (samples, notes.iter().any(|note| note.id == "near-cuts"))
+        };
+        for (metres_per_unit, near) in [(20.0, 0.2), (0.01, 0.2), (20.0, 1.5), (1000.0, 0.2)] {
+            let (wanted, cut) = run(1.0, 1.0, near);
+            let (found, warned) = run((1.0 / metres_per_unit) as f32, metres_per_unit, near);
+            assert!(!cut && !warned, "{metres_per_unit}");
+            let off = wanted.iter().zip(&found).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+            assert!(off < 1e-4 && wanted.iter().any(|v| *v > 0.4), "{metres_per_unit}: {off}");
+        }
+        let (dark, warned) = run(0.05, 1.0, 0.2);
+        assert!(warned && dark.iter().all(|v| *v < 0.5 * 0.9), "a unit is taken as a metre");
+    }
+
     /// Views of nothing are reported, but not if another camera of the rig sees the splats, or `limit` hides them.
     #[test]
     fn empty_views_are_reported() {

@@ -266,8 +266,8 @@ impl WriteExr {
     }
 }
 
-/// The premultiplied colours of a picture after a conversion. Grey has the primaries of every space, so it passes
-/// the curve only.
+/// Converts a pixel and returns its premultiplied RGB. Grey is the same in all sets of primaries, so only the transfer
+/// curve changes it.
 fn converted(pixel: &[f32], conversion: &Conversion) -> [f32; 3] {
     let (colours, alpha) = match *pixel {
         [y] => ([y; 3], 1.0),

@@ -59,9 +59,9 @@ pub(super) fn sights(
     Ok(sights)
 }
 
-/// The lowest position in free space above the middle `point` of an object that one of the wanted views `wanted` shows
-/// in front of all surfaces; without such a position, the lowest in free space. `None` if the splats leave no free
-/// space there. `up` is a unit vector.
+/// Returns the lowest position in free space above `point`, the middle of an object. Positions that at least one of the
+/// views in `wanted` sees, with no surface in front of them, are preferred. `None` if there is no free space above the
+/// object. `up` is a unit vector.
 fn free(splats: &Splats, wanted: &[Sight], point: DVec3, up: DVec3) -> Option<DVec3> {
     let unit = distance(splats, wanted, point)?;
     let length = STEP * f64::from(STEPS) * unit;

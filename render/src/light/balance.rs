@@ -2,7 +2,7 @@
 //! lacks the sky.
 //!
 //! A surface of albedo a that reflects a radiance L receives the irradiance pi L / a. Light is missing if the
-//! visible ground would have to reflect nearly all light or more, and if part of the upper half was not seen. This
+//! visible ground would have to reflect nearly all light or more, and if part of the upper hemisphere was not seen. This
 //! is usual for outdoor captures: they seldom contain the sky, and the holes in its place are filled from the trees
 //! around them.
 
@@ -13,7 +13,7 @@ use scene::math::equirect::{axes, direction, pixel_solid_angle};
 
 /// Largest albedo of ground, except fresh snow.
 const MOST_ALBEDO: f64 = 0.9;
-/// Minimum unseen share of the upper half, weighted by cosine, for a sky to count as missing.
+/// Minimum unseen share of the upper hemisphere, weighted by cosine, for a sky to count as missing.
 pub const LEAST_OPEN: f64 = 0.02;
 /// Sine of 20 degrees. Directions more than 20 degrees below the horizon count as ground.
 const GROUND_SINE: f64 = 0.342_020_143_325_668_7;
@@ -31,13 +31,13 @@ pub struct Balance {
     pub ground: Option<f64>,
     /// Share of the directions of the ground that was seen, weighted by cosine, 0 to 1.
     pub ground_share: f64,
-    /// Irradiance from the upper half.
+    /// Irradiance from the whole upper hemisphere, visible or not.
     pub light: f64,
-    /// Irradiance from the visible part of the upper half, with each pixel weighted by its alpha.
+    /// Irradiance from the visible part of the upper hemisphere, with each pixel weighted by its alpha.
     pub seen: f64,
-    /// Integral of (1 - alpha) times the cosine over the upper half, in steradians.
+    /// Integral of (1 - alpha) times the cosine over the upper hemisphere, in steradians.
     pub open: f64,
-    /// `open` divided by the integral of the cosine over the upper half, 0 to 1.
+    /// `open` divided by the integral of the cosine over the upper hemisphere, 0 to 1.
     pub share: f64,
 }
 
@@ -53,7 +53,7 @@ pub fn rise(up: Up, height: usize, row: usize) -> f64 {
 
 impl Balance {
     /// Computes the balance of an equirectangular panorama of `width` columns, with one alpha per pixel. `reflected`
-    /// is the luminance of a pixel of the ground, and `arriving` that of a pixel of the upper half.
+    /// is the luminance of a pixel of the ground, and `arriving` that of a pixel of the upper hemisphere.
     pub fn of(
         up: Up,
         width: usize,
@@ -102,7 +102,7 @@ impl Balance {
         self.ground.filter(|ground| *ground > 0.0).map(|ground| PI * ground / self.light)
     }
 
-    /// Albedo that the ground would have, if it is more than ground has and part of the upper half was not seen:
+    /// Albedo that the ground would have, if it is more than ground has and part of the upper hemisphere was not seen:
     /// then light is missing.
     pub fn albedo_without_sky(&self) -> Option<f64> {
         self.albedo().filter(|albedo| *albedo > MOST_ALBEDO && self.share > LEAST_OPEN)
@@ -113,7 +113,7 @@ impl Balance {
 mod tests {
     use super::*;
 
-    /// Ground that is brighter than its light allows lacks a sky only if part of the upper half was not seen. This
+    /// Ground that is brighter than its light allows lacks a sky only if part of the upper hemisphere was not seen. This
     /// test fails if `MOST_ALBEDO` is 2.
     #[test]
     fn ground_that_is_too_bright_for_its_light_has_an_unseen_sky() {

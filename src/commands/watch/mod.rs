@@ -17,7 +17,7 @@ use engine::{Graph, Load, Refusal, WatchOptions};
 use page::{Capture, LivePage};
 
 use crate::session::origin::is_written_once;
-use crate::session::{EngineArgs, Error, GraphArgs, at_end_of_input};
+use crate::session::{EngineArgs, Error, GraphArgs, RemoteArgs, at_end_of_input};
 use crate::terminal::{self, Report};
 
 /// Runs a graph again whenever it or a file it reads changes. Ctrl-C ends the command.
@@ -33,6 +33,8 @@ pub struct Watch {
     graph: GraphArgs,
     #[command(flatten)]
     engine: EngineArgs,
+    #[command(flatten)]
+    remote: RemoteArgs,
     /// Output folder of the sinks
     #[arg(long, default_value = "out", value_name = "DIR")]
     out: PathBuf,
@@ -89,7 +91,11 @@ impl Watch {
         if let Some(capture) = &capture {
             arguments.graph = capture.path();
         }
-        let engine = Arc::new(self.engine.open()?.keeping());
+        let mut report = if self.json { Report::json() } else { Report::lines(self.verbose) };
+        let engine = self.engine.open()?.keeping();
+        let (engine, remote) =
+            self.remote.connect(engine, &AtomicBool::new(false), |warning| report.show(warning))?;
+        let engine = Arc::new(engine);
         let out = self.out.clone();
         let mut options = WatchOptions { out: self.out, poll: self.poll, ..WatchOptions::default() };
         if self.no_preview {
@@ -115,7 +121,6 @@ impl Watch {
             let handle = watch.handle();
             at_end_of_input(move || handle.quit());
         }
-        let mut report = if self.json { Report::json() } else { Report::lines(self.verbose) };
         if let Some(page) = &page {
             match self.json {
                 true => terminal::json_line(&serde_json::json!({"event": "page", "url": page.url()})),
@@ -155,6 +160,11 @@ impl Watch {
             }
         };
         let wrong = watch.run(&engine, load, show);
+        match remote {
+            Some(remote) if self.json => terminal::json_line(&remote.json()),
+            Some(remote) => remote.summary().iter().for_each(|line| terminal::remark(line)),
+            None => {}
+        }
         if !self.json {
             for path in wrong {
                 terminal::remark(&format!("{} does not show the current graph", path.display()));

@@ -57,7 +57,8 @@ pub enum Verdict {
     },
     /// The inputs of the node differ from those in the bundle, so its outputs cannot be compared.
     OtherInputs,
-    /// The node runs a program, which is not repeated. Its results were taken from the bundle without a check.
+    /// The node runs an external program, which a verification does not run again. Its results were taken from the
+    /// bundle without a check.
     NotReproducible,
     /// The node did not run.
     Failed,

@@ -73,7 +73,7 @@ engine::inputs! {
 engine::outputs! {
     /// Outputs of `demo-scene`.
     pub struct Out {
-        /// The place, captured as splats.
+        /// The place as splats.
         splats: Arc<Splats>,
         /// A closed mesh of the place, accurate to about 5 mm, with the captured colours at its vertices.
         proxy: Arc<Mesh>,

@@ -59,8 +59,8 @@ engine::params! {
         min_gain: f64 = 0.03, range(0.0, 1.0), other("0.9"), inert("the light of the test graph has no sun at either value");
         /// True to correct the strength and colour of the emitters; `false` only searches for the sun.
         strengths: bool = true, other("false"), inert("the panorama of the test graph is not clipped");
-        /// Standard deviation of the predicted hidden light of an emitter. The more certain the prediction, the less
-        /// the shading of the place can change it.
+        /// Standard deviation of the predicted hidden light of an emitter. A smaller value keeps the result
+        /// closer to the prediction.
         prior_stops: f64 = 1.5, range(0.05, 6.0), unit("stops"), other("0.1"), inert("the panorama of the test graph is not clipped");
         /// Standard deviation of one channel of this light, compared with the other channels.
         prior_colour_stops: f64 = 0.7, range(0.05, 6.0), unit("stops"), other("0.1"), inert("the panorama of the test graph is not clipped");

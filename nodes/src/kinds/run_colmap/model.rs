@@ -50,7 +50,7 @@ pub fn read(folder: &WorkFolder, cx: &Context) -> Result<Found, NodeError> {
     let mut scored = points::binary("COLMAP", &found?)?;
     scored.retain(|one| one.point.position.iter().all(|v| v.is_finite()) && one.error_px.is_finite());
     let mut photos = Vec::with_capacity(raw.len());
-    // What the pictures' metadata say was already said about the photographs by the program.
+    // Notes on the metadata of the pictures were already reported for the input photographs.
     let mut ignored = Notes::none();
     let count = raw.len();
     for (index, raw) in raw.iter().enumerate() {

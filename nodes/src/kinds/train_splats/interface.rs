@@ -15,9 +15,10 @@ engine::params! {
         iterations: u32 = 7000, range(1, 1000000), other("3");
         /// Maximum number of splats.
         max_splats: u32 = 200000, range(1, 20000000), other("60");
-        /// Number of splats before the first iteration, if `splats` is not connected. They are at the points of the
-        /// photographs; if there are more points, this many are chosen, and if there are no points, this many
-        /// splats are placed at random.
+        /// Maximum number of initial splats; ignored if `splats` is connected. One splat is placed at each point of
+        /// the photographs. If there are more points than this, they are thinned to this number. If there are no
+        /// points, this number of splats is placed at random positions around the cameras. The number is at most
+        /// `max_splats`.
         start_splats: u32 = 50000, range(1, 20000000), other("120");
         /// Degree of the spherical harmonics.
         sh_degree: u32 = 3, range(0, 3), other("1");

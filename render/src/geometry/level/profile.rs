@@ -26,7 +26,7 @@ pub(super) struct Profile {
     /// Height of the highest large layer, or of the highest surface if no such layer is above the floor, in world
     /// units.
     pub top: f64,
-    /// Score of the floor: the share of all surface that lies flat in it, minus the share expected by chance. The
+    /// Score of the floor: the share of all surface that is horizontal and lies in it, minus the share expected by chance. The
     /// score is reduced if there is surface below the floor.
     pub ground: f64,
     /// Score of the highest large layer, called the lid, computed like the score of the floor. It is reduced if
@@ -109,8 +109,9 @@ struct Layers<'p> {
     width: f64,
     /// Weight of all surface.
     total: f64,
-    /// Weight of the surface in each layer, and of the surface that lies flat in it.
+    /// Total weight of the patches in each layer.
     all: [f64; LAYERS],
+    /// Total weight of the horizontal patches in each layer.
     lying: [f64; LAYERS],
 }
 

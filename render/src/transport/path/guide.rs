@@ -53,7 +53,7 @@ const DEFENSIVE: f64 = 0.15;
 const STREAM: u32 = 0x6775_6964;
 /// Number of rays that find the light of surfaces around a side of a place.
 const FEELERS: u32 = 128;
-/// Number of light samples where such a ray lands.
+/// Number of light samples at each surface point that one of the [`FEELERS`] rays hits.
 const LANDED_LIGHTS: u32 = 2;
 /// Number of sides of a place, by the axis that a normal is nearest to.
 const SIDES: usize = 6;

@@ -100,8 +100,8 @@ pub struct Sums {
     /// Number of samples that show an object and in which the limit on bounces ended a path that still carried most
     /// of its light.
     pub cut: u64,
-    /// Number of samples that show an object behind the back of a single-sided face, and are black or end in the
-    /// limit on bounces.
+    /// Number of samples that show an object behind the back of a single-sided face and that either are black or were
+    /// ended by the limit on bounces.
     pub behind: u64,
     /// Number of pixels whose sums equal the sums without objects, bit for bit.
     pub untouched: u64,
@@ -123,8 +123,8 @@ pub struct TileSums {
     /// Number of samples that show an object and in which the limit on bounces ended a path that still carried most
     /// of its light.
     pub cut: u64,
-    /// Number of samples that show an object behind the back of a single-sided face, and are black or end in the
-    /// limit on bounces.
+    /// Number of samples that show an object behind the back of a single-sided face and that either are black or were
+    /// ended by the limit on bounces.
     pub behind: u64,
     /// Number of pixels whose sums equal the sums without objects, bit for bit.
     pub untouched: u64,

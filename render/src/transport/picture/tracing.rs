@@ -274,7 +274,7 @@ impl<'a> Tracing<'a> {
         Ok((r0, Some(pair)))
     }
 
-    /// Traces the receiver with the objects, given the sums without them.
+    /// Traces the receiver with the objects, given `r0`, the sums of the render without objects.
     fn trace_with(
         &self,
         camera_rays: &CameraRays<'_>,

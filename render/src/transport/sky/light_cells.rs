@@ -148,7 +148,7 @@ impl LightCells {
     }
 
     /// Reads the data that [`texel`](Self::texel) will search, so that the memory accesses of many choices overlap.
-    /// The returned sum has no meaning.
+    /// The returned sum only keeps the compiler from removing the reads.
     #[inline(always)]
     pub fn look_ahead(&self, &RowChoice { y, columns: [start, end], .. }: &RowChoice) -> f32 {
         let line = &self.across[y as usize * self.width + start as usize..];

@@ -131,8 +131,8 @@ impl Opened<'_> {
         flat.map(part_name).filter(|name| !name.is_empty()).collect()
     }
 
-    /// Names of the layers of all flat parts, sorted: the channels without a layer, and the layers of the others.
-    /// If the file has several parts, the names begin with the name of the part.
+    /// Sorted names of the layers of all flat parts. A channel that belongs to no layer is listed under its own name.
+    /// If the file has several parts, each name is prefixed with the name of its part, if that part has a name.
     pub fn layers(&self) -> BTreeSet<String> {
         let flat = || self.meta.headers.iter().filter(|header| !header.deep);
         let several = flat().count() > 1;

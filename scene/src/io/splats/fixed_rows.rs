@@ -110,7 +110,7 @@ impl FixedRows {
                 }
                 if placed.find(&property.name).is_some() {
                     let what =
-                        format!("the element `{}` has two properties `{}`", placed.name, property.name);
+                        format!("the element `{}` has two properties named `{}`", placed.name, property.name);
                     return Err(Error::format(file, what));
                 }
                 let field = Field { at: placed.stride, scalar: property.scalar };

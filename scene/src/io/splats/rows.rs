@@ -42,7 +42,7 @@ impl RowFault {
         }
     }
 
-    /// The reason in words, to follow "has" or "because of".
+    /// Description of the fault for messages: a noun phrase that follows "has" or "because of".
     pub fn words(self) -> &'static str {
         match self {
             Self::NotFinite => "a field that is NaN or infinite",

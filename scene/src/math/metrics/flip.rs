@@ -10,12 +10,13 @@ use crate::math::num;
 /// 0.7 m.
 pub const PIXELS_PER_DEGREE: f64 = 67.020_643_276_582_25;
 
-/// Features of all pixels of a picture, as seen by the eye. The picture is in linear light and has three channels.
-/// Its values are first clamped to the range of a display, 0 to 1.
+/// Colour, edge and point features of all pixels of a picture, as defined by FLIP. Computed from linear RGB, clamped to
+/// the range of a display, 0 to 1.
 pub struct Sight(Vec<Features>);
 
 impl Sight {
-    /// Computes the features of a picture.
+    /// Computes the features of a picture in linear light with three channels. `pixels_per_degree` is the resolution
+    /// in pixels per degree of visual angle.
     pub fn of(plane: &Plane, pixels_per_degree: f64, cx: &Context) -> Result<Self, NodeError> {
         seen(plane, &Kernels::new(pixels_per_degree), cx).map(Self)
     }
@@ -184,7 +185,7 @@ fn redistribute(distance: f64) -> f64 {
     }
 }
 
-/// Features of a pixel as seen by the eye.
+/// Features of a pixel: the colour after the filters of the eye, and the strength of edges and points around it.
 struct Features {
     colour: [f64; 3],
     edge: f64,

@@ -165,8 +165,9 @@ impl Photographs {
         if self.0.iter().any(|photograph| photograph.linear) { Taken::Linear } else { Taken::Display }
     }
 
-    /// Warns about photographs whose light differs from the light of the panorama or of a brighter photograph, or
-    /// is below white at pixels where those pictures are white.
+    /// Warns about photographs that contradict the panorama or a brighter photograph. A photograph contradicts them if
+    /// its radiance differs at pixels where the brighter picture is not clipped, or is less than the clipping level
+    /// at pixels where all brighter pictures are clipped.
     pub fn compare(
         &self,
         (pixels, alpha): (&LinearPixels, &[f32]),

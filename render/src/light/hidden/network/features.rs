@@ -10,6 +10,7 @@ use scene::math::num;
 use super::super::grid::Grid;
 use super::super::sun;
 use super::blur::{FIELDS, Fields};
+use super::correction::Maps;
 use super::rings::{Open, RINGS, rings};
 
 /// Number of features of the whole panorama.
@@ -38,6 +39,8 @@ pub struct Scene {
     pub overview: [f32; OVERVIEW],
     /// Clipped cells, in order of their index in the grid.
     pub cells: Vec<ClippedCell>,
+    /// Maps of the whole panorama.
+    pub maps: Maps,
     /// Features of each region that predict the colour of its light.
     pub colours: Vec<[f32; COLOUR]>,
     /// Sum of luminance times solid angle over the visible unclipped parts of all cells.
@@ -102,7 +105,7 @@ pub struct GridQuantities<'a> {
     /// Solid angle of the visible clipped part of each cell.
     pub clipped: Vec<f64>,
     /// Mean light of the visible clipped part of each cell.
-    clipped_rgb: Vec<[f64; 3]>,
+    pub clipped_rgb: Vec<[f64; 3]>,
     /// Luminance of `clipped_rgb`.
     pub clipped_luminance: Vec<f64>,
 }
@@ -325,6 +328,7 @@ impl Scene {
         let overview = view.overview(&members, &sizes);
         Self {
             overview,
+            maps: Maps::new(&view),
             colours: regions.iter().map(|region| region.colour(&overview)).collect(),
             cells: labels.of.iter().enumerate().filter_map(cell).collect(),
             above: view

@@ -1,6 +1,7 @@
 //! Learned prediction: the amount and distribution of light hidden by clipping.
 
 mod blur;
+mod correction;
 mod features;
 mod net;
 mod overview;
@@ -49,37 +50,47 @@ pub struct Predicted {
     pub regions: Vec<RegionLight>,
 }
 
-/// Reduction of the predicted gain of the total light, in stops. It makes the mean error slightly larger, but places
-/// that hide no light are less often given light.
+/// Number of stops by which the predicted ratio of total to visible flux is lowered. This slightly increases the mean
+/// error, but hidden light is predicted less often for panoramas that have none.
 const CAUTION: f64 = 0.1;
 
-/// Hidden flux that is used, given the predicted hidden flux and the visible flux.
+/// Hidden flux after lowering the ratio of total to visible flux by [`CAUTION`] stops; at least 0.
 pub fn cautious(hidden: f64, visible: f64) -> f64 {
     (visible * ((1.0 + hidden / visible) * num::f64::exp2(-CAUTION) - 1.0)).max(0.0)
 }
 
-/// Averages the predictions of the members of `network` for `scene`. `regions` is the number of clipped regions.
+/// Averages the predictions of the members of `network` for `scene`. `regions` is the number of clipped regions. If there
+/// is a correction, its distributions count as much as those of the members.
 pub fn hidden(network: &Network, scene: &Scene, regions: usize) -> Hidden {
     let features: Vec<&[f32]> = scene.cells.iter().map(|cell| cell.features.as_slice()).collect();
     let flux: Vec<f64> = scene.cells.iter().map(|cell| cell.flux).collect();
     let prediction = network.predict(&scene.overview, &features, &flux);
-    let count = prediction.shares.len().max(1) as f64;
-    let total = cautious(scene.open_flux * num::f64::exp2(prediction.amount), scene.visible());
+    let corrected = network.correction.as_ref().map(|correction| {
+        let places: Vec<usize> = scene.cells.iter().map(|cell| scene.maps.place(cell.index)).collect();
+        correction.apply(&scene.overview, &scene.maps, &places, &flux)
+    });
+    let amount = prediction.amount + corrected.as_ref().map_or(0.0, |corrected| corrected.amount);
+    let ensembles: Vec<Vec<Vec<f64>>> =
+        [prediction.shares].into_iter().chain(corrected.map(|corrected| corrected.shares)).collect();
+    let weight = |members: usize| 1.0 / (ensembles.len() * members) as f64;
+    let members: Vec<(f64, &Vec<f64>)> =
+        ensembles.iter().flat_map(|shares| shares.iter().map(|s| (weight(shares.len()), s))).collect();
+    let total = cautious(scene.open_flux * num::f64::exp2(amount.clamp(-AMOUNT, AMOUNT)), scene.visible());
     let mut cells = vec![0.0; flux.len()];
-    let mut logs = vec![Vec::with_capacity(prediction.shares.len()); regions];
-    for shares in &prediction.shares {
+    let mut logs = vec![Vec::with_capacity(members.len()); regions];
+    for &(weight, shares) in &members {
         let mut of_region = vec![0.0; regions];
         for ((sum, share), cell) in cells.iter_mut().zip(shares).zip(&scene.cells) {
-            *sum += total * share / count;
+            *sum += weight * total * share;
             of_region[cell.region] += share;
         }
         for (log, share) in logs.iter_mut().zip(of_region) {
-            log.push(num::f64::log2(share.max(1e-12)));
+            log.push((weight, num::f64::log2(share.max(1e-12))));
         }
     }
-    let deviation = |logs: &Vec<f64>| {
-        let mean = logs.iter().sum::<f64>() / count;
-        (logs.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / count).sqrt()
+    let deviation = |logs: &Vec<(f64, f64)>| {
+        let mean: f64 = logs.iter().map(|(weight, log)| weight * log).sum();
+        logs.iter().map(|(weight, log)| weight * (log - mean) * (log - mean)).sum::<f64>().sqrt()
     };
     Hidden { cells, disagreement: logs.iter().map(deviation).collect() }
 }

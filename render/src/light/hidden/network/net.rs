@@ -6,8 +6,10 @@ use scene::error::Error;
 use scene::math::nn::Weights;
 use scene::math::num;
 
+use super::correction::Correction;
+
 /// Slope of the activation (leaky ReLU) below 0.
-const LEAK: f32 = 0.1;
+pub const LEAK: f32 = 0.1;
 /// Largest absolute value of a scaled feature of a panorama, of a cell, and of the features that predict colour, in
 /// standard deviations. Larger values are clamped.
 pub const LIMITS: [f32; 3] = [3.0, 4.0, 3.0];
@@ -16,8 +18,8 @@ pub const HUE: f64 = 3.0;
 /// Largest absolute value of log2 of the ratio of hidden to visible light. Larger values are clamped.
 pub const AMOUNT: f64 = 8.0;
 
-/// An affine map that predicts the amount of hidden light, two that predict its colour, and an ensemble of networks of
-/// the same shape that predict its distribution.
+/// An affine map that predicts the amount of hidden light, two that predict its colour, an ensemble of networks of the
+/// same shape that predict its distribution, and a correction of amount and distribution.
 pub struct Network {
     /// Means and standard deviations of the features of a panorama, of a cell, and of the features that predict
     /// colour.
@@ -26,6 +28,8 @@ pub struct Network {
     /// log2 of the ratio of red to green light, and of blue to green light.
     colour: [Affine; 2],
     members: Vec<Member>,
+    /// `None` if the weights file has none.
+    pub correction: Option<Correction>,
     /// Part of the uncertainty, in stops, that is not explained by the disagreement of the networks.
     pub residual: f64,
 }
@@ -142,7 +146,8 @@ impl Network {
         };
         let scales = [scale("overview", overview)?, scale("cell", cell)?, scale("colour", colour)?];
         let residual = f64::from(sized("residual", 1)?[0]);
-        Ok(Self { scales, amount, colour: [hue(0), hue(1)], members, residual })
+        let correction = Correction::parse(file, &weights, overview)?;
+        Ok(Self { scales, amount, colour: [hue(0), hue(1)], members, correction, residual })
     }
 
     /// Subtracts the mean of each feature, divides by its standard deviation, and clamps the result. `which` is an
@@ -162,7 +167,8 @@ impl Network {
         rgb.map(|v| v / luminance)
     }
 
-    /// Predicts the amount and distribution of hidden light. `flux` is the visible flux of each cell.
+    /// Predicts the amount and distribution of hidden light, without the correction. `flux` is the visible flux of each
+    /// cell.
     pub fn predict(&self, overview: &[f32], cells: &[&[f32]], flux: &[f64]) -> Prediction {
         let overview = self.scaled(0, overview);
         let cells: Vec<Vec<f32>> = cells.iter().map(|cell| self.scaled(1, cell)).collect();

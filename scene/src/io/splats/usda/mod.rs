@@ -80,7 +80,7 @@ pub(super) fn load(
         let linear = world.rotation * DMat3::from_mat4(matrix) * world.scale;
         let offset = world.point(matrix.w_axis.truncate());
         let turn = Turn::of_linear(linear, offset).ok_or_else(|| {
-            Error::unsupported(file, "a transform of splats that scales unevenly or shears")
+            Error::unsupported(file, "a transform of splats with non-uniform scale or shear")
         })?;
         if field.list(COEFFICIENTS).is_empty() {
             let text = format!("splats of `{file}` have no spherical harmonics");

@@ -57,7 +57,7 @@ pub(super) fn matrix(name: &str, values: &[f64]) -> Option<DMat4> {
     Some(matrix)
 }
 
-/// The rotation about an axis of coordinates by an angle in degrees. It is exact for multiples of 90 degrees.
+/// Rotation about a coordinate axis by an angle in degrees. Exact for multiples of 90 degrees.
 fn turn(axis: DVec3, degrees: f64) -> DMat4 {
     let (sin, cos) = num::sin_cos_deg(degrees);
     // Each axis stays, or turns towards the product of `axis` with it.
