@@ -32,13 +32,16 @@ pub(crate) fn recall(payload: &[u8], now: &FileStamp) -> Option<Digest> {
 ///
 /// # Errors
 /// The errors of [`regular::open`] and of reading.
-pub(crate) fn read_digest(path: &Path) -> io::Result<(Digest, u64)> {
+pub(crate) fn read_digest(path: &Path, cancelled: &dyn Fn() -> bool) -> io::Result<Option<(Digest, u64)>> {
     let mut file = regular::open(path, OpenOptions::new().read(true))?;
     let mut writer = DigestWriter::new();
     let mut buffer = vec![0; 256 << 10];
     loop {
+        if cancelled() {
+            return Ok(None);
+        }
         match file.read(&mut buffer) {
-            Ok(0) => return Ok((writer.finish(), writer.length())),
+            Ok(0) => return Ok(Some((writer.finish(), writer.length()))),
             Ok(count) => io::Write::write_all(&mut writer, &buffer[..count])?,
             Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
             Err(error) => return Err(error),

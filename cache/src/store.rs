@@ -334,15 +334,28 @@ impl Store {
     /// # Errors
     /// If the file cannot be read, or is not a regular file.
     pub fn digest_file(&self, path: &Path) -> io::Result<(Digest, u64)> {
+        self.digest_file_unless(path, &|| false).map(|found| found.expect("not cancelled"))
+    }
+
+    /// Like [`digest_file`](Self::digest_file), but returns `None` as soon as `cancelled` returns true. A file of many
+    /// gigabytes takes longer to read than a user waits.
+    ///
+    /// # Errors
+    /// If the file cannot be read, or is not a regular file.
+    pub fn digest_file_unless(
+        &self,
+        path: &Path,
+        cancelled: &dyn Fn() -> bool,
+    ) -> io::Result<Option<(Digest, u64)>> {
         let before = FileStamp::of(path)?;
         if let Some(digest) = self.memo_get(path, &before) {
-            return Ok((digest, before.size));
+            return Ok(Some((digest, before.size)));
         }
-        let (digest, length) = memo::read_digest(path)?;
+        let Some((digest, length)) = memo::read_digest(path, cancelled)? else { return Ok(None) };
         if length == before.size && FileStamp::of(path)? == before {
             self.memo_put(path, &before, &digest);
         }
-        Ok((digest, length))
+        Ok(Some((digest, length)))
     }
 
     /// Stores `value` under `name` in a history table, replacing any previous value. Each table is read and written

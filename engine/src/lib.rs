@@ -156,7 +156,7 @@ pub use value::error::NodeError;
 pub use value::files::{FileBytes, Files};
 pub use value::note::{Level, Note, Notes};
 pub use value::root::{FileHead, InputFile, SourceFile, SourceRoot, bundle_around};
-pub use value::text_file::{MAX_GRAPH_BYTES, read_text};
+pub use value::text_file::{MAX_GRAPH_BYTES, open_regular, read_at_most, read_text};
 pub use value::units::{bytes_text, parse_bytes};
 pub use watch::handle::Handle;
 pub use watch::options::Load;

@@ -50,20 +50,23 @@ pub fn named(path: &Path) -> Option<&'static str> {
 /// be read.
 pub fn is_mesh(path: &Path) -> bool {
     let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
-    let most = match ending.as_deref() {
-        // Neither has a header that identifies it.
-        Some("obj" | "stl") => return path.is_file(),
-        Some("ply") => PLY_HEADER,
-        // The JSON may name the extensions at any position.
-        Some("glb" | "gltf") => u64::MAX,
-        _ => return false,
-    };
-    let read = || -> std::io::Result<Vec<u8>> {
+    let ply = || -> std::io::Result<Vec<u8>> {
         let mut bytes = Vec::new();
-        std::fs::File::open(path)?.take(most).read_to_end(&mut bytes)?;
+        engine::open_regular(path)?.take(PLY_HEADER).read_to_end(&mut bytes)?;
         Ok(bytes)
     };
-    path.is_file() && read().is_ok_and(|bytes| is_mesh_header(&bytes))
+    match ending.as_deref() {
+        // Neither has a header that identifies it.
+        Some("obj" | "stl") => path.is_file(),
+        Some("ply") => ply().is_ok_and(|bytes| is_mesh_header(&bytes)),
+        // The JSON may name the extensions at any position. The data after it are not read.
+        Some("glb" | "gltf") => match scene::io::gltf::json_of(path) {
+            Ok(Some((json, true))) => is_mesh_header(&[b"glTF", json.as_slice()].concat()),
+            Ok(Some((json, false))) => is_mesh_header(&json),
+            _ => false,
+        },
+        _ => false,
+    }
 }
 
 /// True if a PLY or glTF file contains a mesh and no splats, judging by its header.

@@ -19,6 +19,7 @@ mod programs;
 mod reference;
 mod share;
 mod show;
+mod special_files;
 mod splats;
 mod stop;
 mod structure;

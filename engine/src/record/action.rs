@@ -39,22 +39,23 @@ impl Action {
 /// Finds and digests the source files of a node.
 pub(crate) fn read_sources(graph: &Graph, index: usize, store: &Store) -> Result<Vec<ReadSource>, NodeError> {
     let node = &graph.nodes[index];
-    digest_sources(node, node.step.sources(&graph.root)?, &graph.root, store)
+    digest_sources(node, node.step.sources(&graph.root)?, &graph.root, store, &|| false)
 }
 
-/// Digests the source files of a node.
+/// Digests the source files of a node. If `cancelled` returns true in the meantime, the error is that of a cancelled run.
 pub(crate) fn digest_sources(
     node: &Node,
     files: Vec<SourceFile>,
     root: &SourceRoot,
     store: &Store,
+    cancelled: &dyn Fn() -> bool,
 ) -> Result<Vec<ReadSource>, NodeError> {
     let digest = |file: SourceFile| {
         if file.is_program() && root.is_confined() {
             let digest = root.stated_program(&file.name).ok_or_else(|| never_runs(node, root))?;
             return Ok(ReadSource { file, digest, bytes: 0 });
         }
-        digest_source(store, node, file)
+        digest_source(store, node, file, cancelled)
     };
     files.into_iter().map(digest).collect()
 }
@@ -106,9 +107,15 @@ pub(crate) fn prepare<'s>(
     Ok(Action { sources, recipe: around.recipe, key: Some(key) })
 }
 
-fn digest_source(store: &Store, node: &Node, file: SourceFile) -> Result<ReadSource, NodeError> {
-    match store.digest_file(&file.path) {
-        Ok((digest, bytes)) => Ok(ReadSource { file, digest, bytes }),
+fn digest_source(
+    store: &Store,
+    node: &Node,
+    file: SourceFile,
+    cancelled: &dyn Fn() -> bool,
+) -> Result<ReadSource, NodeError> {
+    match store.digest_file_unless(&file.path, cancelled) {
+        Ok(Some((digest, bytes))) => Ok(ReadSource { file, digest, bytes }),
+        Ok(None) => Err(NodeError::cancelled()),
         Err(error) => {
             let field =
                 node.kind.params.iter().find(|param| param.role == crate::kind::param_type::Role::Input);

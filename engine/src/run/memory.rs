@@ -4,7 +4,8 @@ use crate::graph::graph::Graph;
 use crate::run::slot::{Life, Slot};
 use crate::value::artifact::AnyArtifact;
 
-/// Memory counters of a run. Every change of a slot that affects memory goes through this type.
+/// Memory counters of a run. The scheduler changes the readers and the state of slots itself, and calls the methods of this type
+/// when values come and go; builds with debug assertions compare the counters with the slots after each message.
 pub(crate) struct Memory {
     limit: u64,
     held: u64,

@@ -133,6 +133,25 @@ mod tests {
         assert!(cache.get(&(digest, type_name, 2)).is_none(), "another format is another value");
     }
 
+    /// Several threads that add the same values leave one entry for each. This test fails if the lock of `put` is released
+    /// between the look-up and the insertion.
+    #[test]
+    fn the_same_value_of_several_threads_is_held_once() {
+        for _ in 0..200 {
+            let cache = ValueCache::new(1_000);
+            let value: AnyArtifact = Arc::new(1_u64);
+            std::thread::scope(|scope| {
+                for _ in 0..4 {
+                    scope.spawn(|| (0..8).for_each(|number| cache.put(&name(number), &value, 10)));
+                }
+            });
+            let entries = cache.entries.lock().expect("no thread panicked");
+            let bytes: u64 = entries.values.values().map(|kept| kept.bytes).sum();
+            assert_eq!((entries.held, bytes, entries.values.len(), entries.ages.len()), (80, 80, 8, 8));
+            assert!(entries.ages.iter().all(|(used, name)| entries.values[name].used == *used));
+        }
+    }
+
     #[test]
     fn an_engine_that_runs_once_keeps_nothing() {
         let cache = ValueCache::new(0);

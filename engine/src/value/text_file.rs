@@ -1,4 +1,4 @@
-//! [`read_text`]: the text of a small file that a user names.
+//! Functions that read files that a user names: regular files only, with a bound.
 
 use std::fs::{File, FileType};
 use std::io::{Error, ErrorKind, Read, Result};
@@ -8,30 +8,48 @@ use std::path::Path;
 /// overlay.
 pub const MAX_GRAPH_BYTES: u64 = 64 << 20;
 
-/// Reads a regular file of at most `limit` bytes of UTF-8. Pipes and devices are not opened, since they may block
-/// forever or have no end.
+/// Opens a regular file. Pipes and devices are not opened, since they may block forever or have no end.
+///
+/// # Errors
+/// Any I/O error, and [`ErrorKind::InvalidInput`] with the type of the file if it is not a regular file.
+pub fn open_regular(path: &Path) -> Result<File> {
+    let metadata = std::fs::metadata(path)?;
+    if !metadata.is_file() {
+        let what = format!("the path is {}, not a regular file", type_name(metadata.file_type()));
+        return Err(Error::new(ErrorKind::InvalidInput, what));
+    }
+    File::open(path)
+}
+
+/// Reads a regular file of at most `limit` bytes.
+///
+/// # Errors
+/// Those of [`open_regular`], and [`ErrorKind::FileTooLarge`] if the file is longer than `limit`; it is not read then.
+pub fn read_at_most(path: &Path, limit: u64) -> Result<Vec<u8>> {
+    let file = open_regular(path)?;
+    let too_long = || {
+        let what = format!("the file is longer than {} MiB, the limit for a file of this kind", limit >> 20);
+        Error::new(ErrorKind::FileTooLarge, what)
+    };
+    if file.metadata()?.len() > limit {
+        return Err(too_long());
+    }
+    let mut bytes = Vec::new();
+    // A file that grows meanwhile is not read beyond the limit either.
+    file.take(limit + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > limit { Err(too_long()) } else { Ok(bytes) }
+}
+
+/// Reads a regular file of at most `limit` bytes of UTF-8.
 ///
 /// # Errors
 /// Any I/O error, [`ErrorKind::InvalidInput`] with the type of the file if it is not a regular file,
 /// [`ErrorKind::FileTooLarge`] if it is longer than `limit`, and [`ErrorKind::InvalidData`] if the file is not
 /// UTF-8.
 pub fn read_text(path: &Path, limit: u64) -> Result<String> {
-    let metadata = std::fs::metadata(path)?;
-    if !metadata.is_file() {
-        let what = format!("the path is {}, not a regular file", type_name(metadata.file_type()));
-        return Err(Error::new(ErrorKind::InvalidInput, what));
-    }
-    let too_long = || {
-        let what = format!("the file is longer than {} MiB, the limit for a graph file", limit >> 20);
-        Error::new(ErrorKind::FileTooLarge, what)
-    };
-    if metadata.len() > limit {
-        return Err(too_long());
-    }
-    let mut text = String::new();
-    // A file that grows meanwhile is not read beyond the limit either.
-    File::open(path)?.take(limit + 1).read_to_string(&mut text)?;
-    if text.len() as u64 > limit { Err(too_long()) } else { Ok(text) }
+    let bytes = read_at_most(path, limit)?;
+    String::from_utf8(bytes)
+        .map_err(|_| Error::new(ErrorKind::InvalidData, "stream did not contain valid UTF-8"))
 }
 
 fn type_name(found: FileType) -> &'static str {
@@ -75,7 +93,7 @@ mod tests {
         File::create(&path).expect("works").set_len(1 << 40).expect("works");
         assert_eq!(
             read_text(&path, MAX_GRAPH_BYTES).expect_err("is refused").to_string(),
-            "the file is longer than 64 MiB, the limit for a graph file"
+            "the file is longer than 64 MiB, the limit for a file of this kind"
         );
     }
 }

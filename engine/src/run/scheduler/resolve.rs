@@ -32,9 +32,12 @@ impl Run<'_> {
         // Gigabytes may have to be hashed, so a thread does it.
         self.slots[index].life = Life::Reading;
         let (sender, tracer) = (self.sender.clone(), self.tracer.clone());
+        let cancel = self.options.cancel.clone();
         self.send(index, move || {
+            let cancelled = || cancel.load(std::sync::atomic::Ordering::Relaxed);
             let owed = Owed::new(&sender, |error| Message::Sources { node: index, sources: Err(error) });
-            let read = || guarded(|| digest_sources(&graph.nodes[index], files, &graph.root, &engine.store));
+            let node = &graph.nodes[index];
+            let read = || guarded(|| digest_sources(node, files, &graph.root, &engine.store, &cancelled));
             let sources = tracer.span(&graph.nodes[index].id, "sources", read);
             owed.send(Message::Sources { node: index, sources });
         });

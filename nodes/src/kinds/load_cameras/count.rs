@@ -12,8 +12,6 @@ pub const CAMERA_LIMIT: usize = 1_000_000;
 /// Maximum size in bytes of a COLMAP text that is read completely to count its cameras before the run. In a larger
 /// text, lines are counted.
 pub const READ_WHOLE: u64 = 4 << 20;
-/// Maximum size in bytes of files that are read to count their cameras before the run.
-pub const READ_MOST: u64 = 256 << 20;
 
 /// Number of images of a binary COLMAP model, read from the start of its file. `None` for other files, and if the
 /// number exceeds the limit on cameras.

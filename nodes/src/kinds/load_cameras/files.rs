@@ -10,9 +10,12 @@ use scene::io::picture;
 
 use super::json;
 
+/// Maximum size in bytes of files that are read before the run, to count their cameras or to find their pictures.
+pub const READ_MOST: u64 = 256 << 20;
+
 /// The JSON file, and the pictures that must be read because the file does not contain their sizes.
 pub fn with_pictures(file: SourceFile, root: &SourceRoot) -> Vec<SourceFile> {
-    let read = || if file.path.is_file() { std::fs::read(&file.path).ok() } else { None };
+    let read = || engine::read_at_most(&file.path, READ_MOST).ok();
     let names: BTreeSet<String> =
         read().iter().flat_map(|bytes| json::pictures_without_size(bytes)).collect();
     let mut files: Vec<SourceFile> = names.iter().filter_map(|name| existing(&file, name, root)).collect();

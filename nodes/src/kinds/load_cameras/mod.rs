@@ -120,10 +120,10 @@ impl Kind for LoadCameras {
         {
             return ViewCount::Known(count);
         }
-        if bytes > count::READ_MOST {
+        if bytes > files::READ_MOST {
             let why = format!(
                 "the files of this node have more than {} MiB, too much to read before the node runs",
-                count::READ_MOST >> 20
+                files::READ_MOST >> 20
             );
             return uncounted(why, Some("write the number instead: `Range(0, 300)`"));
         }

@@ -46,11 +46,16 @@ impl Foreign {
     }
 }
 
-/// The other files that a file refers to, by relative path: materials and their pictures.
-pub fn other_files(path: &str, bytes: &[u8], mut read: impl FnMut(&str) -> Option<Vec<u8>>) -> Vec<String> {
+/// The other files that a file refers to, by relative path: materials and their pictures. `file` is read once, without
+/// keeping it in memory.
+pub fn other_files(
+    path: &str,
+    file: impl std::io::Read,
+    mut read: impl FnMut(&str) -> Option<Vec<u8>>,
+) -> std::io::Result<Vec<String>> {
     match Foreign::of(path) {
-        Some(Foreign::Obj) => obj::other_files(bytes, &mut read),
-        _ => Vec::new(),
+        Some(Foreign::Obj) => Ok(obj::other_files(&text::lines_with(file, "mtllib")?, &mut read)),
+        _ => Ok(Vec::new()),
     }
 }
 

@@ -1,6 +1,7 @@
 //! Lines of the text formats OBJ and MTL.
 
 use std::borrow::Cow;
+use std::io::{BufRead, BufReader, Read};
 
 use crate::io::foreign::BYTE_ORDER_MARK;
 
@@ -56,6 +57,54 @@ impl<'a> Iterator for Lines<'a> {
             return Some((number, text));
         }
         None
+    }
+}
+
+/// Maximum length of a line that [`lines_with`] keeps, in bytes. The rest of a longer line is left out.
+const LINE_LIMIT: usize = 1 << 16;
+/// Maximum length of all lines that [`lines_with`] keeps, in bytes.
+const KEPT_LIMIT: usize = 16 << 20;
+
+/// The lines of a file that begin with `keyword`, in any case, with the lines in which they continue. The file is not kept in
+/// memory.
+///
+/// # Errors
+/// If the file cannot be read, or has an absurd number of such lines.
+pub(super) fn lines_with(file: impl Read, keyword: &str) -> std::io::Result<Vec<u8>> {
+    let mut reader = BufReader::with_capacity(LINE_LIMIT, file);
+    let (mut kept, mut line) = (Vec::new(), Vec::new());
+    let mut continues = false;
+    let mut end_line = |line: &mut Vec<u8>| -> std::io::Result<()> {
+        let text = line.strip_prefix(BYTE_ORDER_MARK).unwrap_or(line).trim_ascii();
+        let begins =
+            text.get(..keyword.len()).is_some_and(|start| start.eq_ignore_ascii_case(keyword.as_bytes()));
+        if continues || begins {
+            if kept.len() + text.len() > KEPT_LIMIT {
+                let what =
+                    format!("the file has more than {} MiB of lines with `{keyword}`", KEPT_LIMIT >> 20);
+                return Err(std::io::Error::new(std::io::ErrorKind::FileTooLarge, what));
+            }
+            kept.extend_from_slice(text);
+            kept.push(b'\n');
+            continues = text.ends_with(b"\\");
+        }
+        line.clear();
+        Ok(())
+    };
+    loop {
+        let part = reader.fill_buf()?;
+        if part.is_empty() {
+            end_line(&mut line)?;
+            return Ok(kept);
+        }
+        let end = part.iter().position(|b| matches!(b, b'\n' | b'\r'));
+        let text = &part[..end.unwrap_or(part.len())];
+        line.extend_from_slice(&text[..text.len().min(LINE_LIMIT - line.len())]);
+        let used = text.len() + usize::from(end.is_some());
+        if end.is_some() {
+            end_line(&mut line)?;
+        }
+        reader.consume(used);
     }
 }
 
@@ -115,5 +164,24 @@ mod tests {
         ] {
             assert_eq!(relative(path).as_deref(), found, "{path}");
         }
+    }
+
+    /// The lines with a keyword are those that [`Lines`] finds, at any length of the reads, and nothing else is kept.
+    #[test]
+    fn lines_with_a_keyword_are_kept() {
+        let text =
+            b"\xef\xbb\xbfmtllib a.mtl\r\nv 0 0 0\n  MTLLIB b c\\\n d.mtl\rf 1 2 3\nmtllib  e.mtl".as_slice();
+        let kept = lines_with(text, "mtllib").expect("reads");
+        let statements = |bytes: &[u8]| -> Vec<String> {
+            let all = Lines::of(bytes).map(|(_, line)| line.into_owned());
+            all.filter(|line| word(line).0.eq_ignore_ascii_case("mtllib")).collect()
+        };
+        assert_eq!(statements(&kept), statements(text));
+        assert_eq!(statements(&kept).len(), 3);
+        // A line of any length takes bounded memory.
+        let long = std::io::repeat(0).take(1 << 26).chain(b"\nmtllib x.mtl\n".as_slice());
+        assert_eq!(lines_with(long, "mtllib").expect("reads"), b"mtllib x.mtl\n");
+        let endless = b"mtllib a ".repeat(100).into_iter().chain([b'\n']).collect::<Vec<u8>>().repeat(40_000);
+        assert!(lines_with(endless.as_slice(), "mtllib").is_err());
     }
 }

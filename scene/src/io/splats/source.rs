@@ -169,6 +169,9 @@ impl Expanded {
     }
 }
 
+/// Maximum length in bytes of a JSON file that is read to find the other files of a scene.
+const JSON_LIMIT: u64 = 256 << 20;
+
 /// Returns the files to which a parameter refers: the file itself, or the files in the folder. A folder with a
 /// `meta.json` is a SOG scene. A folder with a `lod-meta.json` is a streamed scene, whose files of one level are
 /// used. In any other folder, the SOG folders and bundles (`.sog`) that it contains are joined in the order of
@@ -176,7 +179,8 @@ impl Expanded {
 pub fn expand(file: &InputFile, path: &Path, level: u32) -> Result<Expanded, NodeError> {
     if !path.is_dir() {
         let named = path.is_file() && file.0.to_ascii_lowercase().ends_with(".json");
-        let read = || std::fs::read(path).ok().filter(|bytes| streamed::is_streamed(bytes));
+        let read =
+            || engine::read_at_most(path, JSON_LIMIT).ok().filter(|bytes| streamed::is_streamed(bytes));
         return match named.then(read).flatten() {
             Some(bytes) => streamed_level(file, &bytes, level),
             None => Ok(Expanded::of(vec![file.clone()])),
@@ -185,7 +189,7 @@ pub fn expand(file: &InputFile, path: &Path, level: u32) -> Result<Expanded, Nod
     let inside = |name: &str| InputFile(format!("{}/{name}", file.0.trim_end_matches('/')));
     let failed = |e| NodeError::new(format!("cannot list `{}`: {e}", path.display()));
     if path.join(streamed::NAME).is_file() {
-        let bytes = std::fs::read(path.join(streamed::NAME)).map_err(failed)?;
+        let bytes = engine::read_at_most(&path.join(streamed::NAME), JSON_LIMIT).map_err(failed)?;
         return streamed_level(&inside(streamed::NAME), &bytes, level);
     }
     if path.join("meta.json").is_file() {
@@ -250,14 +254,12 @@ fn streamed_level(listing: &InputFile, bytes: &[u8], level: u32) -> Result<Expan
 pub fn with_companions(file: &InputFile, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
     let source = root.file(file);
     let failed = |e| NodeError::new(format!("cannot read `{}`: {e}", source.path.display()));
-    if !std::fs::metadata(&source.path).map_err(failed)?.is_file() {
-        return Err(NodeError::new(format!("`{}` is not a regular file", source.path.display())));
-    }
     let mut head = Vec::new();
-    std::fs::File::open(&source.path).map_err(failed)?.take(64).read_to_end(&mut head).map_err(failed)?;
+    let opened = engine::open_regular(&source.path).map_err(failed)?;
+    opened.take(64).read_to_end(&mut head).map_err(failed)?;
     let mut sources = vec![source.clone()];
     if is_json(&head) {
-        let bytes = std::fs::read(&source.path).map_err(failed)?;
+        let bytes = engine::read_at_most(&source.path, JSON_LIMIT).map_err(failed)?;
         let names: Vec<String> = match Format::of(&file.0, &bytes)? {
             Format::SogMeta => Meta::read(&file.0, &bytes)?.files().map(str::to_owned).collect(),
             Format::Gltf => Document::read(&file.0, &bytes)?.files(&file.0)?,

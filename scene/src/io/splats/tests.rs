@@ -419,7 +419,7 @@ fn unknown_content_is_refused_in_words() {
         ),
         (
             b"ply\nformat binary_little_endian 1.0\nelement vertex 0\nproperty float x\nproperty int x\nend_header\n",
-            "two properties `x`",
+            "two properties named `x`",
         ),
         (
             b"ply\nformat binary_little_endian 1.0\nelement vertex 0\nelement vertex 1\nend_header\n",

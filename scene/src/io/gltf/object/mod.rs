@@ -9,10 +9,8 @@ mod tests;
 pub use geometry::local;
 pub(super) use geometry::{inverse_transpose, turned};
 
-use std::collections::BTreeSet;
-use std::path::Path;
-
 use engine::{Context, InputFile, NodeError, Notes, SourceFile, SourceRoot};
+use std::collections::BTreeSet;
 
 use self::geometry::Geometry;
 use self::material::{Materials, Picture};
@@ -22,6 +20,9 @@ use crate::io::import::{self, Foreign};
 use crate::io::png::Raster;
 use crate::types::{Object, Texture};
 
+/// Maximum length in bytes of a file that is read to find the files to which it refers, such as an MTL file.
+const PARTNER_LIMIT: u64 = 256 << 20;
+
 /// The file and all files that it refers to. The format of the file is detected by content. Errors in a GLB are
 /// reported only when the node runs, since only then are all of its bytes read.
 pub fn sources(path: &InputFile, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
@@ -29,9 +30,9 @@ pub fn sources(path: &InputFile, root: &SourceRoot) -> Result<Vec<SourceFile>, N
     let mut sources = vec![file.clone()];
     let failed = |e| NodeError::new(format!("cannot read `{}`: {e}", path.0)).at("path");
     if Foreign::of(&path.0).is_some() {
-        let read = |path: &Path| if path.is_file() { std::fs::read(path).ok() } else { None };
-        let bytes = std::fs::read(&file.path).map_err(failed)?;
-        let names = import::other_files(&path.0, &bytes, |name| read(&root.sibling(&file, name).path));
+        let opened = engine::open_regular(&file.path).map_err(failed)?;
+        let read = |name: &str| engine::read_at_most(&root.sibling(&file, name).path, PARTNER_LIMIT).ok();
+        let names = import::other_files(&path.0, opened, read).map_err(failed)?;
         sources.extend(names.iter().map(|name| root.sibling(&file, name)));
         return Ok(sources);
     }

@@ -529,7 +529,7 @@ fn splats_of_usd_in_text_are_read() {
     for (text, says) in [
         (usda(metres, "", "        point3f[] positions.timeSamples = { 0: [(1,2,3)] }\n"), "animated USD"),
         (usda(metres, &steps.replace("xformOp:scale", "xformOp:rotateX"), ""), "rotateX"),
-        (usda(metres, &steps.replace("(2, 2, 2)", "(2, 1, 2)"), ""), "unevenly"),
+        (usda(metres, &steps.replace("(2, 2, 2)", "(2, 1, 2)"), ""), "non-uniform"),
         (usda("upAxis = \"X\"", "", ""), "not Y or Z"),
         (usda("metersPerUnit = 0", "", ""), "metersPerUnit"),
         (usda(metres, "", "        float[] opacities = [1, 2, 3]\n"), "3 numbers for 2 splats"),
