@@ -4,8 +4,9 @@ use crate::graph::graph::Graph;
 use crate::run::slot::{Life, Slot};
 use crate::value::artifact::AnyArtifact;
 
-/// Memory counters of a run. The scheduler changes the readers and the state of slots itself, and calls the methods of this type
-/// when values come and go; builds with debug assertions compare the counters with the slots after each message.
+/// Memory counters of a run. The scheduler changes the readers and the state of slots itself, and calls the methods of
+/// this type when values come and go. Tests (feature `checks`) and builds with debug assertions compare the counters
+/// with the slots after each message.
 pub(crate) struct Memory {
     limit: u64,
     held: u64,

@@ -220,7 +220,7 @@ impl<'a> Run<'a> {
         self.act_on(message);
         self.remark();
         // For large graphs this would dominate the run.
-        if cfg!(debug_assertions) && self.slots.len() < 1000 {
+        if cfg!(any(debug_assertions, feature = "checks")) && self.slots.len() < 1000 {
             self.check();
         }
     }

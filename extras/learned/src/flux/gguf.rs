@@ -8,8 +8,8 @@ use std::path::Path;
 use candle_core::DType;
 use candle_core::quantized::GgmlDType;
 
+use super::entry::{Entry, Format};
 use super::error::{Error, Result};
-use super::source::{Entry, Format};
 
 /// Maximum length in bytes of a name or another text. The file format itself limits tensor names to 64 bytes.
 const MAX_TEXT: u64 = 1 << 20;

@@ -4,10 +4,11 @@ use std::collections::BTreeSet;
 
 use candle_core::{DType, Device, Tensor};
 
+use super::entry::Format;
 use super::error::{Result, some_of};
 use super::linear::{Linear, Matrix};
 use super::names::Layout;
-use super::source::{Format, Source, Stored};
+use super::source::{Source, Stored};
 
 /// Counts of the weights in a network, from which the required memory is estimated.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]

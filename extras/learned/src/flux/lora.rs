@@ -9,7 +9,8 @@ use super::config::Config;
 use super::error::{Result, some_of};
 use super::linear::Update;
 use super::loader::swapped;
-use super::names::{Layout, linears, piece_rows};
+use super::modules::{linears, piece_rows};
+use super::names::Layout;
 use super::source::Source;
 
 /// The updates in one LoRA file, keyed by the name of the layer that they change.

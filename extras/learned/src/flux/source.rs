@@ -6,35 +6,12 @@ use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
-use candle_core::quantized::{GgmlDType, QTensor, ggml_file::qtensor_from_ggml};
+use candle_core::quantized::{QTensor, ggml_file::qtensor_from_ggml};
 use candle_core::{DType, Device, Tensor};
 
+use super::entry::{Entry, Format};
 use super::error::{Error, Result};
 use super::gguf;
-
-/// The format in which the numbers of a tensor are stored in a file.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Format {
-    /// Plain numbers.
-    Plain(DType),
-    /// Blocks of quantised numbers.
-    Blocks(GgmlDType),
-}
-
-/// Shape and location of a tensor in a file.
-#[derive(Debug, Clone)]
-pub struct Entry {
-    /// Lengths of the axes, the outermost axis first, as in PyTorch.
-    pub shape: Vec<usize>,
-    /// Format in which the numbers are stored.
-    pub format: Format,
-    /// Index of the file that contains the tensor, among the files of the [`Source`].
-    pub(crate) file: usize,
-    /// Offset of the data from the start of the file, in bytes.
-    pub(crate) start: u64,
-    /// Length of the data in bytes.
-    pub bytes: u64,
-}
 
 /// A tensor that was read from a file.
 #[derive(Debug)]
