@@ -276,6 +276,26 @@ class BadInput(Case):
             lightharmony.run(self.graph, program=other)
         self.assertEqual((caught.exception.found, caught.exception.wanted), ("9.8.7", lightharmony.__version__))
 
+    def test_the_module_as_a_command_states_what_is_wrong(self):
+        def called(program, *arguments):
+            environment = {**os.environ, "LIGHTHARMONY_PROGRAM": str(program), "PYTHONPATH": os.pathsep.join(sys.path)}
+            command = [sys.executable, "-m", "lightharmony", *arguments]
+            return subprocess.run(command, env=environment, capture_output=True, text=True)
+
+        done = called(self.folder / "none", "--version")
+        self.assertEqual((done.returncode, done.stdout), (2, ""))
+        self.assertRegex(done.stderr, r"^error: `.*none`, named by LIGHTHARMONY_PROGRAM, is not a program\n$")
+        done = called(self.script("older", "echo lightharmony 0.0.1\n"), "--version")
+        self.assertEqual(done.returncode, 2)
+        self.assertRegex(done.stderr, "is version 0.0.1, but this module needs version")
+        done = called(program.find(), "--version")
+        self.assertEqual((done.returncode, done.stdout), (0, f"lightharmony {lightharmony.__version__}\n"))
+        # The exit code is that of the program.
+        self.graph.write_text(GRAPH.replace("yaw_deg", "yaw"))
+        done = called(program.find(), "check", str(self.graph))
+        self.assertEqual(done.returncode, 2)
+        self.assertIn("graph.ron:6:52", done.stderr)
+
     def test_a_program_that_prints_something_else_is_an_error(self):
         odd = self.script("odd", f'if [ "$1" = --version ]; then echo lightharmony {lightharmony.__version__}; else echo hello; exit 7; fi\n')
         with self.assertRaisesRegex(lightharmony.ProgramError, "unexpected output: hello") as caught:
