@@ -6,6 +6,7 @@
 import os
 import pathlib
 import re
+import subprocess
 import sys
 import tempfile
 import types
@@ -173,6 +174,17 @@ class Node(unittest.TestCase):
         self.addCleanup(lambda: [sys.modules.pop(name) for name in ("comfy", "comfy.model_management")])
         with self.assertRaises(Interrupt):
             comfyui.Run().run(**{**self.inputs, "settings": "demo.splats=900002"})
+
+    def test_the_defaults_fit_the_first_graph(self):
+        command = [os.environ["LIGHTHARMONY_PROGRAM"], "init", "chair"]
+        subprocess.run(command, cwd=self.folder, check=True, stdout=subprocess.DEVNULL)
+        declared = comfyui.Run.INPUT_TYPES()["required"]
+        inputs = {name: options["default"] for name, (_, options) in declared.items()}
+        inputs["graph"] = str(self.folder / "chair" / inputs["graph"])
+        inputs["settings"] = "demo.splats=3000\ndemo.width_px=48\ndemo.height_px=36\ntrace.samples=1"
+        image, mask, _ = Host().prompt(**inputs)
+        self.assertEqual((image.shape, mask.shape), ((1, 36, 48, 3), (1, 36, 48)))
+        self.assertTrue(0 < mask.mean() < 0.5)
 
     def test_inputs_are_declared(self):
         declared = comfyui.Run.INPUT_TYPES()
