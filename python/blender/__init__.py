@@ -232,7 +232,11 @@ class Job:
         return os.path.join(self.folder, "out")
 
     def export(self, context):
-        """Writes the object and the mesh of the place. Moving them does not change these files, but scaling does."""
+        """Writes the object and the mesh of the place. Moving them does not change these files, but scaling does.
+
+        A mesh that is extracted from the splats is finest around the position that the object has now.
+        """
+        self.anchor = self.root.matrix_world.translation.copy()
         export_glb(context, [self.root], os.path.join(self.folder, "object.glb"), rigid(self.root.matrix_world))
         if self.settings.place:
             export_glb(context, [self.settings.place], os.path.join(self.folder, "place.glb"), Matrix())
@@ -243,8 +247,9 @@ class Job:
         # glTF is in metres, so its coordinates are divided by the metres per unit when it is loaded.
         pose = rigid(self.root.matrix_world) @ Matrix.Scale(metres, 4)
         place = f', matrix: {numbers(settings.capture.matrix_world)}' if settings.capture else ""
-        # Without `around`, so that the mesh does not depend on the pose and is extracted once.
-        proxy = 'ExtractMesh(splats: "scene")'
+        # Not around the pose itself, so that a move of the object does not extract the mesh again.
+        place_of_mesh = ", ".join(f"{value:.9g}" for value in self.anchor)
+        proxy = f'ExtractMesh(splats: "scene", around: "anchor"),\n        anchor: Pose(translation: ({place_of_mesh}))'
         if settings.place:
             proxy = f'LoadMesh(path: "place.glb", frame: Gltf, matrix: {numbers(Matrix.Scale(metres, 4))})'
         text = GRAPH.format(
@@ -542,10 +547,14 @@ def points_of(view, depth, picture, count, seed):
 # Interface
 
 
+# Since Blender 4.5, a property must state that its path may begin with //, the folder of the .blend file.
+RELATIVE = {"options": {"PATH_SUPPORTS_BLEND_RELATIVE"}} if bpy.app.version >= (4, 5, 0) else {}
+
+
 class Settings(bpy.types.PropertyGroup):
     """Settings of a scene."""
 
-    splats: StringProperty(name="Splats", subtype="FILE_PATH", description="The capture: PLY, SPZ, SOG, .splat, .ksplat")
+    splats: StringProperty(name="Splats", subtype="FILE_PATH", **RELATIVE, description="The capture: PLY, SPZ, SOG, .splat, .ksplat")
     capture: PointerProperty(
         name="Capture", type=bpy.types.Object,
         description="An object whose transform places the splat file in the world, such as an empty. Without one, the coordinates of the file are those of the world",
@@ -554,10 +563,10 @@ class Settings(bpy.types.PropertyGroup):
         name="Mesh", type=bpy.types.Object,
         description="A mesh of the captured place, which receives the shadow. Without one, a mesh is extracted from the splats",
     )
-    folder: StringProperty(name="Folder", subtype="DIR_PATH", default="//lightharmony", description="Folder of the graph and the pictures")
+    folder: StringProperty(name="Folder", subtype="DIR_PATH", default="//lightharmony", **RELATIVE, description="Folder of the graph and the pictures")
     samples: IntProperty(name="Samples", default=64, min=1, max=65536, description="Samples per pixel")
     probe_height: FloatProperty(name="Light at", default=0.3, min=0.0, unit="LENGTH", description="Height above the origin of the object at which the light is computed")
-    colmap: StringProperty(name="Folder", subtype="DIR_PATH", default="//colmap", description="Folder of the exported scene")
+    colmap: StringProperty(name="Folder", subtype="DIR_PATH", default="//colmap", **RELATIVE, description="Folder of the exported scene")
     points: IntProperty(name="Points", default=100000, min=1, max=10000000, description="Maximum number of points")
     pairs: BoolProperty(name="Truth Pairs", default=True, description="Also render with the selected objects; `images` is without them")
 

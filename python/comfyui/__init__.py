@@ -164,7 +164,7 @@ class Run:
                 "graph": ("STRING", {"default": "graph.ron", "tooltip": "Path of the graph file"}),
                 "settings": ("STRING", {**text, "multiline": True, "tooltip": "One node.field=value on each line"}),
                 "image": ("STRING", {"default": "final", "tooltip": "The output that becomes IMAGE"}),
-                "mask": ("STRING", {"default": "clean.object", "tooltip": "The output whose alpha, or only channel, becomes MASK; empty for no mask"}),
+                "mask": ("STRING", {"default": "trace.object", "tooltip": "The output whose alpha, or only channel, becomes MASK; empty for no mask"}),
                 "layers": ("STRING", {**text, "tooltip": "Outputs that become layers, such as trace.depth, shadow"}),
                 "background_node": ("STRING", {"default": "plate", "tooltip": "The LoadImage node whose file is the background"}),
             },

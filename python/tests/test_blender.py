@@ -12,6 +12,7 @@ import sys
 import tempfile
 import time
 import unittest
+import warnings
 
 HERE = pathlib.Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
@@ -222,6 +223,39 @@ class Extension(unittest.TestCase):
         self.assertEqual(bpy.ops.lightharmony.render(), {"FINISHED"})
         self.wait("up to date")
         self.compare()
+
+    def test_without_a_mesh_one_is_extracted_once(self):
+        settings = self.scene.lightharmony
+        settings.place, settings.samples = None, 1
+        self.assertEqual(bpy.ops.lightharmony.render(), {"FINISHED"})
+        self.wait("up to date")
+        job = addon.session.job
+        values = lightharmony.values(job.graph, ["proxy"])
+        # The floor of splats, 6 units wide.
+        self.assertLess(abs(values["proxy"]["positions"][:, 2]).mean(), 0.1)
+        key = lightharmony.keys(job.graph, ["proxy"])
+        self.letter.location.x += 0.3
+        bpy.context.view_layer.update()
+        self.wait_for_change()
+        self.wait("up to date")
+        self.assertEqual(lightharmony.keys(job.graph, ["proxy"]), key)
+        # Around the new position.
+        bpy.ops.lightharmony.update()
+        job.write()
+        self.assertNotEqual(lightharmony.keys(job.graph, ["proxy"]), key)
+
+    def test_paths_may_begin_with_the_folder_of_the_file(self):
+        bpy.ops.wm.save_as_mainfile(filepath=str(self.folder / "scene.blend"))
+        with warnings.catch_warnings():
+            # Blender 4.5 and later warn of a property that does not state this.
+            warnings.simplefilter("error")
+            settings = bpy.context.scene.lightharmony
+            settings.splats, settings.folder, settings.colmap = "//floor.ply", "//relative", "//relative"
+        job = addon.Job(bpy.context)
+        job.export(bpy.context)
+        job.write()
+        self.assertEqual(job.graph, str(self.folder / "relative/graph.ron"))
+        self.assertEqual(lightharmony.check(job.graph), [])
 
     def test_what_cannot_be_rendered_is_refused(self):
         settings = self.scene.lightharmony

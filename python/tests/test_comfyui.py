@@ -5,10 +5,13 @@
 """
 import os
 import pathlib
+import re
+import subprocess
 import sys
 import tempfile
 import types
 import unittest
+import unittest.mock
 
 HERE = pathlib.Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
@@ -140,15 +143,22 @@ class Node(unittest.TestCase):
         with self.assertRaisesRegex(ValueError, "final.* is not an output|not an output"):
             comfyui.Run().run(**{**self.inputs, "image": "finale"})
 
-    def test_a_missing_program_is_shown_at_the_node(self):
-        before = os.environ.get("LIGHTHARMONY_PROGRAM")
-        os.environ["LIGHTHARMONY_PROGRAM"] = "/none"
-        try:
-            self.assertIn("is not a program", comfyui.Run.VALIDATE_INPUTS(str(self.graph), ""))
-        finally:
-            os.environ.pop("LIGHTHARMONY_PROGRAM")
-            if before:
-                os.environ["LIGHTHARMONY_PROGRAM"] = before
+    def test_a_missing_program_or_another_version_is_shown_at_the_node(self):
+        other = self.folder / "other"
+        other.write_text("#!/bin/sh\necho lightharmony 9.8.7\n")
+        other.chmod(0o755)
+        versions = rf"is version 9\.8\.7, but this module needs version {re.escape(lightharmony.__version__)}"
+        for program, text in (("/none", "`/none`, named by LIGHTHARMONY_PROGRAM, is not a program"), (str(other), versions)):
+            with unittest.mock.patch.dict(os.environ, LIGHTHARMONY_PROGRAM=program):
+                self.assertRegex(comfyui.Run.VALIDATE_INPUTS(str(self.graph), ""), text)
+                # Also without the check of the inputs, and for the keys.
+                with self.assertRaisesRegex(lightharmony.Error, text):
+                    comfyui.Run().run(**self.inputs)
+
+    def test_a_node_of_the_graph_that_fails_is_shown_with_its_place(self):
+        (self.folder / "plate.png").write_text("not a picture")
+        with self.assertRaisesRegex(lightharmony.NodeFailed, r"graph\.ron:11:\d+: .*plate\.png"):
+            comfyui.Run().run(**self.inputs)
 
     def test_the_user_can_cancel(self):
         class Interrupt(Exception):
@@ -164,6 +174,17 @@ class Node(unittest.TestCase):
         self.addCleanup(lambda: [sys.modules.pop(name) for name in ("comfy", "comfy.model_management")])
         with self.assertRaises(Interrupt):
             comfyui.Run().run(**{**self.inputs, "settings": "demo.splats=900002"})
+
+    def test_the_defaults_fit_the_first_graph(self):
+        command = [os.environ["LIGHTHARMONY_PROGRAM"], "init", "chair"]
+        subprocess.run(command, cwd=self.folder, check=True, stdout=subprocess.DEVNULL)
+        declared = comfyui.Run.INPUT_TYPES()["required"]
+        inputs = {name: options["default"] for name, (_, options) in declared.items()}
+        inputs["graph"] = str(self.folder / "chair" / inputs["graph"])
+        inputs["settings"] = "demo.splats=3000\ndemo.width_px=48\ndemo.height_px=36\ntrace.samples=1"
+        image, mask, _ = Host().prompt(**inputs)
+        self.assertEqual((image.shape, mask.shape), ((1, 36, 48, 3), (1, 36, 48)))
+        self.assertTrue(0 < mask.mean() < 0.5)
 
     def test_inputs_are_declared(self):
         declared = comfyui.Run.INPUT_TYPES()

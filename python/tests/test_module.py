@@ -5,6 +5,7 @@ They need NumPy, and nothing else outside the standard library.
 """
 import os
 import pathlib
+import re
 import signal
 import stat
 import subprocess
@@ -114,6 +115,35 @@ class Runs(Case):
         self.assertEqual(stitch["outputs"][0]["type"], "pano")
         with self.assertRaisesRegex(lightharmony.ProgramError, "did you mean `stitch`"):
             lightharmony.nodes("stich")
+
+    def test_events_have_the_fields_that_the_page_states(self):
+        page = (HERE.parent.parent / "docs/python.md").read_text()
+        rows = [line.split("|")[1:3] for line in page.split("\n## Events\n")[1].splitlines() if line.startswith("| `")]
+        stated = {name: set(re.findall("`(.*?)`", fields)) for names, fields in rows for name in re.findall("`(.*?)`", names)}
+        for name, fields in re.findall(r"prints an event `(\w+)` for each \w+: (.*?)\.\n", page, re.S):
+            stated[name] = set(re.findall("`(.*?)`", fields))
+        (self.folder / "lost.png").write_text("not a picture")
+        self.graph.write_text(GRAPH.replace("nodes: (", 'nodes: (\n        lost: LoadImage(path: "lost.png"),\n        keep: WriteImage(image: "lost", path: "l.png"),'))
+        events = []
+        with self.assertRaises(lightharmony.NodeFailed):
+            # A new cache, so that nodes run.
+            lightharmony.run(self.graph, out=self.out, cache=self.folder / "cache", on_event=events.append)
+        # Known and unknown nodes, changed and not.
+        self.graph.write_text(GRAPH)
+        lightharmony.run(self.graph, out=self.out)
+        for yaw in (30.0, 31.0):
+            events += program.call(["plan", "--json", "--set", f"pose.yaw_deg={yaw}", str(self.graph)], accept=(0, 1, 2, 3))
+        events += program.call(["nodes", "--json"])
+        seen = {}
+        for event in events:
+            seen.setdefault(event["event"], set()).update(set(event) - {"event"})
+        self.assertLessEqual({"start", "node", "file", "done", "mistakes", "planned", "kind"}, set(seen))
+        for name, fields in seen.items():
+            self.assertIn(name, stated)
+            self.assertLessEqual(fields, stated[name], name)
+            # Values that the row of `node` names, and fields that only some events have.
+            others = {"node": {"ran", "cached", "failed", "skipped"}, "file": {"preview"}, "start": {"forecast"}}
+            self.assertLessEqual(stated[name] - fields, others.get(name, set()), name)
 
     def test_the_version_is_that_of_the_program(self):
         self.assertEqual(program.version(program.find()), lightharmony.__version__)
@@ -275,6 +305,26 @@ class BadInput(Case):
         with self.assertRaises(lightharmony.VersionMismatch) as caught:
             lightharmony.run(self.graph, program=other)
         self.assertEqual((caught.exception.found, caught.exception.wanted), ("9.8.7", lightharmony.__version__))
+
+    def test_the_module_as_a_command_states_what_is_wrong(self):
+        def called(program, *arguments):
+            environment = {**os.environ, "LIGHTHARMONY_PROGRAM": str(program), "PYTHONPATH": os.pathsep.join(sys.path)}
+            command = [sys.executable, "-m", "lightharmony", *arguments]
+            return subprocess.run(command, env=environment, capture_output=True, text=True)
+
+        done = called(self.folder / "none", "--version")
+        self.assertEqual((done.returncode, done.stdout), (2, ""))
+        self.assertRegex(done.stderr, r"^error: `.*none`, named by LIGHTHARMONY_PROGRAM, is not a program\n$")
+        done = called(self.script("older", "echo lightharmony 0.0.1\n"), "--version")
+        self.assertEqual(done.returncode, 2)
+        self.assertRegex(done.stderr, "is version 0.0.1, but this module needs version")
+        done = called(program.find(), "--version")
+        self.assertEqual((done.returncode, done.stdout), (0, f"lightharmony {lightharmony.__version__}\n"))
+        # The exit code is that of the program.
+        self.graph.write_text(GRAPH.replace("yaw_deg", "yaw"))
+        done = called(program.find(), "check", str(self.graph))
+        self.assertEqual(done.returncode, 2)
+        self.assertIn("graph.ron:6:52", done.stderr)
 
     def test_a_program_that_prints_something_else_is_an_error(self):
         odd = self.script("odd", f'if [ "$1" = --version ]; then echo lightharmony {lightharmony.__version__}; else echo hello; exit 7; fi\n')
