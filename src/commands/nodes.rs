@@ -110,7 +110,8 @@ fn list(registry: &Registry, width: usize) -> String {
         kinds.iter().for_each(|kind| text.push_str(&in_list(kind, width)));
         text.push('\n');
     }
-    text.push_str("`lightharmony nodes KIND` describes a kind; `lightharmony nodes WORD` lists the kinds that mention a word.\n");
+    let more = "`lightharmony nodes KIND` describes a kind; `lightharmony nodes WORD` lists the kinds that mention a word.";
+    text.push_str(&wrapped(more, "", 0, width));
     text
 }
 

@@ -1,17 +1,14 @@
-//! Input of the networks: features of the whole panorama, and of each clipped cell.
+//! Features of the clipped cells and regions of a panorama.
 
 use crate::light::measure::luminance;
-use crate::light::regions::{self, Regions};
 use engine::Up;
 use glam::DVec3;
 use scene::math::equirect::axes;
 use scene::math::num;
 
 use super::super::grid::Grid;
-use super::super::sun;
 use super::blur::{FIELDS, Fields};
-use super::correction::Maps;
-use super::rings::{Open, RINGS, rings};
+use super::rings::RINGS;
 
 /// Number of features of the whole panorama.
 pub const OVERVIEW: usize = 23;
@@ -31,44 +28,10 @@ const RADII: [usize; 4] = [2, 6, 16, 45];
 pub const WHITE: f64 = 0.95;
 
 /// Description of the neighbourhood of a cell; see [`GridQuantities::neighbourhoods`].
-type Neighbourhood = [f64; 5];
-
-/// Input of the networks for one panorama.
-pub struct Scene {
-    /// Features of the whole panorama.
-    pub overview: [f32; OVERVIEW],
-    /// Clipped cells, in order of their index in the grid.
-    pub cells: Vec<ClippedCell>,
-    /// Maps of the whole panorama.
-    pub maps: Maps,
-    /// Features of each region that predict the colour of its light.
-    pub colours: Vec<[f32; COLOUR]>,
-    /// Sum of luminance times solid angle over the visible unclipped parts of all cells.
-    pub open_flux: f64,
-    /// Sum of luminance times solid angle over all visible parts above the horizon.
-    pub above: f64,
-    /// For each region, the degree to which it is the sun, from 0 to 1.
-    pub suns: Vec<f64>,
-}
-
-/// One clipped cell.
-pub struct ClippedCell {
-    /// Index of the cell in the grid.
-    pub index: usize,
-    /// Index of the region that contains the cell.
-    pub region: usize,
-    /// Features of the cell.
-    pub features: [f32; CELL],
-    /// Solid angle of the clipped part of the cell.
-    pub size: f64,
-    /// Luminance of the clipped part of the cell, times its solid angle.
-    pub flux: f64,
-    /// Sine of the elevation of the cell.
-    pub sine: f64,
-}
+pub type Neighbourhood = [f64; 5];
 
 /// One connected clipped region.
-struct Region {
+pub struct Region {
     /// log2 of the solid angle of the region.
     size: f64,
     share: f64,
@@ -117,7 +80,7 @@ pub fn log2(v: f64, least: f64) -> f64 {
 impl<'a> GridQuantities<'a> {
     /// Computes the quantities of a panorama whose white level is `ceiling`. Light is scaled so that white becomes
     /// 1.
-    fn new(grid: &'a Grid, up: Up, ceiling: f64) -> Self {
+    pub fn new(grid: &'a Grid, up: Up, ceiling: f64) -> Self {
         let above = axes(up)[2];
         let row = |y: usize| y * grid.width;
         let solid_angle: Vec<f64> = (0..grid.height).map(|y| grid.solid_angle(row(y))).collect();
@@ -158,7 +121,7 @@ impl<'a> GridQuantities<'a> {
     /// Values for each of [`RADII`] and each cell, which describe the neighbourhood of the cell: the clipped share,
     /// log2 of the mean luminance of the unclipped part, the ratio of blue to red of the unclipped part in stops, the
     /// share that is clipped in all channels, and the ratio of green to red of the unclipped part in stops.
-    fn neighbourhoods(&self) -> Vec<Vec<Neighbourhood>> {
+    pub fn neighbourhoods(&self) -> Vec<Vec<Neighbourhood>> {
         let field = |c: usize| {
             let (all, open, [r, g, b]) = (self.solid_angle(c), self.open[c], self.open_rgb[c]);
             let clipped = self.clipped[c];
@@ -206,7 +169,7 @@ impl<'a> GridQuantities<'a> {
         std::array::from_fn(|i| numbers.get(i).copied().unwrap_or(0.0))
     }
 
-    fn region(
+    pub fn region(
         &self,
         (cells, rings): (&[usize], &[[f64; 3]; RINGS]),
         total: f64,
@@ -254,7 +217,7 @@ impl<'a> GridQuantities<'a> {
         num::f64::acos(self.grid.direction(self.up, cell).dot(from).clamp(-1.0, 1.0))
     }
 
-    fn cell(&self, c: usize, region: &Region, depth: f64, around: &[Vec<Neighbourhood>]) -> [f32; CELL] {
+    pub fn cell(&self, c: usize, region: &Region, depth: f64, around: &[Vec<Neighbourhood>]) -> [f32; CELL] {
         let mut numbers = Vec::with_capacity(CELL);
         for radius in around {
             numbers.extend(radius[c]);
@@ -280,64 +243,9 @@ impl<'a> GridQuantities<'a> {
 
 impl Region {
     /// Features that predict the colour of the light of the region, given the features of the whole panorama.
-    fn colour(&self, overview: &[f32; OVERVIEW]) -> [f32; COLOUR] {
+    pub fn colour(&self, overview: &[f32; OVERVIEW]) -> [f32; COLOUR] {
         let own = self.profile.into_iter().chain([self.size, self.sine[0]]).map(|v| v as f32);
         let numbers: Vec<f32> = own.chain(ABOUT_COLOUR.map(|i| overview[i])).collect();
         std::array::from_fn(|i| numbers.get(i).copied().unwrap_or(0.0))
-    }
-}
-
-impl Scene {
-    /// Sum of luminance times solid angle over all visible parts.
-    pub fn visible(&self) -> f64 {
-        self.open_flux + self.cells.iter().map(|cell| cell.flux).sum::<f64>()
-    }
-
-    /// Describes a panorama. `labels` are its clipped regions, and `ceiling` is its white level. Features are
-    /// normalised to a white level of 1, as in training; fluxes are in the unit of the panorama.
-    pub fn new(grid: &Grid, up: Up, labels: &Regions, ceiling: f64) -> Self {
-        let view = GridQuantities::new(grid, up, ceiling);
-        let mut members = vec![Vec::new(); labels.count];
-        for (cell, region) in labels.of.iter().enumerate() {
-            if let Some(region) = region {
-                members[*region as usize].push(cell);
-            }
-        }
-        let sizes: Vec<f64> = members.iter().map(|m| m.iter().map(|&c| view.clipped[c]).sum()).collect();
-        let total = sizes.iter().sum();
-        let around = view.neighbourhoods();
-        let depth = regions::distance_to_edge(&grid.clipped, grid.width);
-        let open = Open { size: &view.open, rgb: &view.open_rgb };
-        let rings = rings(&members, grid.width, &open);
-        let described = members.iter().zip(&rings);
-        let regions: Vec<Region> =
-            described.map(|(cells, rings)| view.region((cells, rings), total, &depth, &around)).collect();
-        let cell = |(index, region): (usize, &Option<u32>)| {
-            let region = (*region)? as usize;
-            let features = view.cell(index, &regions[region], f64::from(depth[index]), &around);
-            let flux = ceiling * view.clipped_luminance[index] * view.clipped[index];
-            Some(ClippedCell {
-                index,
-                region,
-                features,
-                size: view.clipped[index],
-                flux,
-                sine: view.sine(index),
-            })
-        };
-        let overview = view.overview(&members, &sizes);
-        Self {
-            overview,
-            maps: Maps::new(&view),
-            colours: regions.iter().map(|region| region.colour(&overview)).collect(),
-            cells: labels.of.iter().enumerate().filter_map(cell).collect(),
-            above: view
-                .cells()
-                .filter(|&c| grid.seen[c] && view.sine(c) > 0.0)
-                .map(|c| ceiling * view.luminance[c] * view.solid_angle(c))
-                .sum(),
-            suns: sun::suns(grid, up, &members),
-            open_flux: view.cells().map(|c| ceiling * view.open_luminance[c] * view.open[c]).sum(),
-        }
     }
 }

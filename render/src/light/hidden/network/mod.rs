@@ -3,9 +3,11 @@
 mod blur;
 mod correction;
 mod features;
+mod input;
 mod net;
 mod overview;
 mod rings;
+mod scale;
 
 use crate::light::energy_table::EnergyTable;
 use crate::light::measure::luminance;
@@ -18,9 +20,10 @@ use super::clipped::{Clipped, RegionLight};
 use super::spread::Spread;
 use super::sun;
 
-pub use self::features::{CELL, COLOUR, OVERVIEW, Scene};
-pub use self::net::Network;
-pub use self::net::{AMOUNT, HUE, LIMITS};
+pub use self::features::{CELL, COLOUR, OVERVIEW};
+pub use self::input::Scene;
+pub use self::net::{AMOUNT, HUE, Network};
+pub use self::scale::LIMITS;
 
 /// Built-in weights: safetensors in f16, made by `train-exposure` as described in docs/light.md.
 pub const WEIGHTS: &[u8] = include_bytes!("../../../../weights/exposure.safetensors");

@@ -7,12 +7,8 @@ use scene::math::nn::Weights;
 use scene::math::num;
 
 use super::correction::Correction;
+use super::scale::{LIMITS, activate, scaled};
 
-/// Slope of the activation (leaky ReLU) below 0.
-pub const LEAK: f32 = 0.1;
-/// Largest absolute value of a scaled feature of a panorama, of a cell, and of the features that predict colour, in
-/// standard deviations. Larger values are clamped.
-pub const LIMITS: [f32; 3] = [3.0, 4.0, 3.0];
 /// Largest absolute value of log2 of the ratio of red or blue to green light. Larger values are clamped.
 pub const HUE: f64 = 3.0;
 /// Largest absolute value of log2 of the ratio of hidden to visible light. Larger values are clamped.
@@ -57,10 +53,6 @@ pub struct Prediction {
 
 fn dot(a: &[f32], b: &[f32]) -> f32 {
     a.iter().zip(b).fold(0.0, |sum, (a, b)| sum + a * b)
-}
-
-fn unit(x: f32) -> f32 {
-    if x > 0.0 { x } else { LEAK * x }
 }
 
 impl Affine {
@@ -150,12 +142,10 @@ impl Network {
         Ok(Self { scales, amount, colour: [hue(0), hue(1)], members, correction, residual })
     }
 
-    /// Subtracts the mean of each feature, divides by its standard deviation, and clamps the result. `which` is an
-    /// index in [`LIMITS`].
+    /// The scaled features. `which` is an index in [`LIMITS`].
     fn scaled(&self, which: usize, values: &[f32]) -> Vec<f32> {
-        let ((mean, spread), limit) = (&self.scales[which], LIMITS[which]);
-        let scaled = values.iter().zip(mean).zip(spread).map(|((v, m), s)| (v - m) / s);
-        scaled.map(|v| v.clamp(-limit, limit)).collect()
+        let (mean, spread) = &self.scales[which];
+        scaled(values, (mean.as_slice(), spread), LIMITS[which])
     }
 
     /// Predicts the RGB of the hidden light of a region, scaled to a luminance of 1.
@@ -192,7 +182,7 @@ impl Member {
                 sums.iter_mut().zip(weights).for_each(|(sum, weight)| *sum += weight * value);
             }
             let outputs = sums.iter().zip(&about).zip(&self.out);
-            let inner = outputs.fold(0.0, |sum, ((v, about), out)| sum + out * unit(v + about));
+            let inner = outputs.fold(0.0, |sum, ((v, about), out)| sum + out * activate(v + about));
             f64::from(dot(&self.linear, cell) + inner)
         };
         let scores: Vec<f64> = cells.iter().map(&mut score).collect();

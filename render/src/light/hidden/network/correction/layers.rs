@@ -1,6 +1,6 @@
 //! Maps of the sphere, and the layers of the networks that work on them. Every sum has a fixed order.
 
-use super::super::net::LEAK;
+use super::super::scale;
 
 /// Largest absolute value of an activation. It keeps all results finite for any finite weights, and is far above the
 /// activations of trained networks.
@@ -22,9 +22,9 @@ pub struct Layer {
     bias: Vec<f32>,
 }
 
-/// Leaky rectifier.
+/// Leaky ReLU, limited.
 pub fn activate(x: f32) -> f32 {
-    (if x > 0.0 { x } else { LEAK * x }).clamp(-LARGEST, LARGEST)
+    scale::activate(x).clamp(-LARGEST, LARGEST)
 }
 
 impl Layer {

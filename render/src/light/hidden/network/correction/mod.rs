@@ -13,6 +13,7 @@ use scene::math::num;
 
 pub use self::maps::Maps;
 use self::member::{LAYERS, Member};
+use super::scale::{LIMITS, scaled};
 
 /// Part of the mean correction of the networks that is added to the amount. The whole of it was worse in
 /// cross-validation (docs/evidence/light.md).
@@ -73,8 +74,7 @@ impl Correction {
     /// clipped cell, its index in a map, and `flux` its visible flux.
     pub fn apply(&self, overview: &[f32], maps: &Maps, places: &[usize], flux: &[f64]) -> Corrected {
         let (mean, spread) = &self.scale;
-        let scaled = overview.iter().zip(mean).zip(spread).map(|((v, mean), spread)| (v - mean) / spread);
-        let overview: Vec<f32> = scaled.map(|v| v.clamp(-super::LIMITS[0], super::LIMITS[0])).collect();
+        let overview = scaled(overview, (mean.as_slice(), spread), LIMITS[0]);
         let mut corrected = Corrected { amount: 0.0, shares: Vec::with_capacity(self.members.len()) };
         let mirrored = maps.mirrored();
         for member in &self.members {

@@ -4,7 +4,9 @@ use engine::Up;
 use scene::math::nn::Weights;
 use scene::math::num;
 
-use super::super::{OVERVIEW, Scene, WEIGHTS};
+use super::super::WEIGHTS;
+use super::super::features::OVERVIEW;
+use super::super::input::Scene;
 use super::layers::Map;
 use super::maps::CHANNELS;
 use super::member::LAYERS;
