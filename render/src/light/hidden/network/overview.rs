@@ -178,7 +178,7 @@ impl GridQuantities<'_> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::features::Scene;
+    use super::super::input::Scene;
     use super::*;
     use crate::light::hidden::grid::Grid;
     use engine::Up;
