@@ -54,7 +54,8 @@ impl Drop for Lease {
     fn drop(&mut self) {
         let Some((path, file)) = self.held.take() else { return };
         // Removed while still locked: a process that opened this file before sees, once it has the lock, that the
-        // path no longer leads to it, and asks again.
+        // path no longer leads to it, and asks again. Windows removes no file that is open in another process, and
+        // `same_file` compares only times of creation there, so the file stays.
         if cfg!(unix) {
             let _ = fs::remove_file(path);
             let _ = reach(failpoint::LEASE_UNLINKED);

@@ -148,9 +148,8 @@ pub use text::edit::{EditError, Setting, apply};
 pub use text::graph_text::{GraphText, Step, TextEdit, TextEditError};
 pub use text::overlay::{PRESETS, overlay_text};
 pub use text::source::Source;
-pub use value::artifact::{
-    AnyArtifact, Artifact, ArtifactType, Corrupt, Decoder, Difference, Encoder, decode_all, encode_to_vec,
-};
+pub use value::artifact::{AnyArtifact, Artifact, ArtifactType, Difference, decode_all, encode_to_vec};
+pub use value::codec::{Corrupt, Decoder, Encoder};
 pub use value::counts::Counts;
 pub use value::error::NodeError;
 pub use value::files::{FileBytes, Files};

@@ -12,7 +12,7 @@ use crate::kind::params::Params;
 use crate::kind::registry::{KindEntry, Step, read_params};
 use crate::kind::scene::Point;
 use crate::text::document::RawField;
-use crate::value::artifact::{Decoder, Encoder};
+use crate::value::codec::{Decoder, Encoder};
 use crate::value::root::{InputFile, SourceRoot};
 
 /// The start of a wire, which is an output of another node.

@@ -61,6 +61,8 @@ pub(crate) struct ReadSource {
 
 /// Services of the engine for a running node: context fields, source files, tiles on several threads, parts,
 /// progress, cancellation and work counters.
+///
+/// The documentation of [`Kind`](crate::Kind) has an example.
 pub struct Context {
     pub(crate) scene: Scene,
     pub(crate) reads: &'static [ContextField],

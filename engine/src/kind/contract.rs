@@ -113,6 +113,84 @@ impl Preview {
 }
 
 /// A kind of node: its name, parameters, ports and code.
+///
+/// The example is a kind that reads a file. `sources` names the file, so that its content enters the key; `run` reads
+/// it from the context. The sums of its lines are computed on several threads, and are one part of the work with a
+/// result of its own: another node that reads the same file, whatever its `power`, takes this part from the cache.
+///
+/// ```
+/// use std::sync::Arc;
+/// use engine::{Artifact, Context, InputFile, Kind, NodeError, Notes, Part, Scene, SourceFile, SourceRoot, Up};
+/// # use engine::{Corrupt, Decoder, Difference, Encoder};
+/// # struct Numbers(Vec<f64>);
+/// # impl Artifact for Numbers {
+/// #     const TYPE: &'static str = "numbers";
+/// #     const FORMAT: u32 = 1;
+/// #     fn encode(&self, to: &mut Encoder) { to.f64s(&self.0) }
+/// #     fn decode(from: &mut Decoder<'_>) -> Result<Self, Corrupt> { from.f64s().map(Numbers) }
+/// #     fn bytes(&self) -> usize { 8 * self.0.len() }
+/// #     fn difference(&self, _: &Self) -> Difference { Difference::of("other numbers") }
+/// # }
+///
+/// engine::params! {
+///     /// Computes a power of the sum of each line of a text file.
+///     pub struct SumLines {
+///         /// The file: numbers separated by white space.
+///         path: InputFile, other("\"other.txt\"");
+///         /// Exponent.
+///         power: i32 = 1, range(1, 4), other("2");
+///     }
+/// }
+/// engine::inputs! { pub struct In {} }
+/// engine::outputs! { pub struct Out { /** One number per line. */ sums: Arc<Numbers>, } }
+///
+/// fn sum(line: &str) -> Result<f64, NodeError> {
+///     line.split_whitespace().try_fold(0.0, |sum, word| Ok(sum + word.parse::<f64>()?))
+/// }
+///
+/// impl Kind for SumLines {
+///     const NAME: &'static str = "sum-lines";
+///     const VERSION: u32 = 1;
+///     type Params = Self;
+///     type In = In;
+///     type Out = Out;
+///
+///     fn sources(params: &Self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
+///         Ok(vec![root.file(&params.path)])
+///     }
+///
+///     fn run(params: &Self, _: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
+///         let text = String::from_utf8(cx.read(&params.path)?)?;
+///         let lines: Vec<&str> = text.lines().collect();
+///         // The part depends on no input and on no parameter except the file, whose text is in its key.
+///         let part = Part { name: "sums", version: 1, inputs: &[] };
+///         let sums: Arc<Numbers> = cx.part(part, &text, || {
+///             let sums = cx.for_each_tile(lines.len(), |index| sum(lines[index]))?;
+///             cx.count("lines", lines.len() as u64);
+///             sums.into_iter().collect::<Result<_, _>>().map(Numbers)
+///         })?;
+///         let mut powers = Vec::new();
+///         for (index, sum) in sums.0.iter().enumerate() {
+///             cx.check()?; // Ends the loop if the user cancels the run.
+///             cx.progress(index as f32 / lines.len() as f32);
+///             powers.push((0..params.power).fold(1.0, |product, _| product * sum));
+///         }
+///         Ok((Out { sums: Arc::new(Numbers(powers)) }, Notes::none()))
+///     }
+/// }
+///
+/// // A test of the kind without a graph.
+/// # let folder = tempfile::tempdir()?;
+/// # let folder = folder.path();
+/// std::fs::write(folder.join("n.txt"), "1 2 3\n0.5 0.5\n")?;
+/// let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false };
+/// let cx = Context::detached(scene, folder);
+/// let params = SumLines { path: InputFile("n.txt".to_owned()), power: 2 };
+/// let (out, notes) = SumLines::run(&params, In {}, &cx).map_err(|error| error.to_string())?;
+/// assert_eq!((out.sums.0.as_slice(), notes), (&[36.0, 1.0][..], Notes::none()));
+/// assert_eq!(cx.counts()["lines"], 2);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub trait Kind: 'static {
     /// Kebab-case name: `splat-render` is written `SplatRender` in graph files.
     const NAME: &'static str;

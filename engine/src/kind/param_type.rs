@@ -176,6 +176,58 @@ impl ParamType for InputFile {
 
 /// A file that a sink writes: a path relative to the output folder, where `{view}` is replaced by the name of each
 /// view. Only the extension, which determines the format, enters the key.
+///
+/// A kind with a parameter of this type is a *sink*. Its first output is [`Files`](crate::Files); the engine puts the
+/// files in place, and writes nothing if they are there already.
+///
+/// ```
+/// use std::sync::Arc;
+/// use engine::{Context, FileBytes, Files, Kind, NodeError, Notes, OutputFile};
+/// # use engine::{Engine, Graph, KindEntry, Registry, RunOptions, Source, SourceRoot, Store};
+///
+/// engine::params! {
+///     /// Writes a text file.
+///     pub struct WriteText {
+///         /// Path of the file, relative to the output folder.
+///         path: OutputFile, other("\"other.txt\"");
+///         /// The text.
+///         text: String = String::new(), other("\"b\"");
+///     }
+/// }
+/// engine::inputs! { pub struct In {} }
+/// engine::outputs! { pub struct Out { /** The file. */ files: Arc<Files>, } }
+///
+/// impl Kind for WriteText {
+///     const NAME: &'static str = "write-text";
+///     const VERSION: u32 = 1;
+///     type Params = Self;
+///     type In = In;
+///     type Out = Out;
+///
+///     fn check(params: &Self) -> Result<(), NodeError> {
+///         match params.path.extension().as_str() {
+///             "txt" => Ok(()),
+///             other => Err(NodeError::new(format!("`.{other}` is not a text file")).at("path").hint("use `.txt`")),
+///         }
+///     }
+///
+///     fn run(params: &Self, _: In, _: &Context) -> Result<(Out, Notes), NodeError> {
+///         // The file does not belong to a view, so its path needs no `{view}`.
+///         let file = FileBytes { view: String::new(), bytes: params.text.clone().into_bytes() };
+///         Ok((Out { files: Arc::new(Files(vec![file])) }, Notes::none()))
+///     }
+/// }
+///
+/// # let folder = tempfile::tempdir()?;
+/// # let out = folder.path().to_owned();
+/// # let registry = Registry::new(vec![KindEntry::of::<WriteText>()]);
+/// let text = r#"Graph(version: 1, scene: (up: "+z"), nodes: (save: WriteText(path: "a.txt", text: "hello")))"#;
+/// let graph = Graph::parse(Source::new("text.ron", text), &registry, SourceRoot::new("."))?;
+/// let engine = Engine::new(Store::in_memory(), 1, 1 << 30);
+/// engine.run(&graph, &RunOptions { out: out.clone(), ..RunOptions::default() }, |_event| {});
+/// assert_eq!(std::fs::read_to_string(out.join("a.txt"))?, "hello");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct OutputFile(pub String);

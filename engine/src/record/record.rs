@@ -3,7 +3,8 @@
 use cache::{Digest, Manifest};
 
 use crate::graph::node::Node;
-use crate::value::artifact::{ArtifactType, Corrupt, Decoder, Encoder};
+use crate::value::artifact::ArtifactType;
+use crate::value::codec::{Corrupt, Decoder, Encoder};
 use crate::value::counts::{Counts, Effort};
 use crate::value::note::{Level, Notes};
 

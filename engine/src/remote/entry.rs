@@ -3,7 +3,7 @@
 use cache::{Digest, Store};
 
 use crate::record::record::{Record, digest, read_digest};
-use crate::value::artifact::{Corrupt, Decoder, Encoder};
+use crate::value::codec::{Corrupt, Decoder, Encoder};
 
 /// First bytes of every entry. They change whenever the encoding changes.
 const MAGIC: &str = "lightharmony entry 1";

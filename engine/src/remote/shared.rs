@@ -6,7 +6,7 @@ use cache::Digest;
 
 use crate::record::record::Record;
 use crate::remote::entry::Entry;
-use crate::value::artifact::Corrupt;
+use crate::value::codec::Corrupt;
 use crate::value::error::NodeError;
 
 /// Results on another machine. A run looks for a result in its store first, and then here.

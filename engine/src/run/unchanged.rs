@@ -21,7 +21,7 @@ use crate::run::options::Outcome;
 use crate::run::sink;
 use crate::run::slot::{Life, Slot};
 use crate::text::source::Source;
-use crate::value::artifact::{Corrupt, Decoder, Encoder};
+use crate::value::codec::{Corrupt, Decoder, Encoder};
 use crate::value::cpu;
 use crate::value::root::SourceRoot;
 

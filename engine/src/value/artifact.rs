@@ -1,17 +1,60 @@
 //! Artifacts: the typed values that travel along wires, and their canonical bytes.
 
 use std::any::Any;
-use std::io::Write;
 use std::sync::Arc;
 
-use cache::{Digest, DigestWriter};
+use cache::Digest;
 
+use crate::value::codec::{Corrupt, Decoder, Encoder};
 use crate::value::error::{NodeError, guarded};
 
 /// A value that a port can carry.
 ///
 /// The encoding is canonical: equal values give equal bytes on every machine, since the content digest of a value
 /// is the digest of its encoded bytes. Keys contain the type name and the format as well.
+///
+/// ```
+/// use engine::{Artifact, Corrupt, Decoder, Difference, Encoder, decode_all, encode_to_vec};
+///
+/// /// Numbers with a unit.
+/// #[derive(Debug, PartialEq)]
+/// struct Series {
+///     unit: String,
+///     values: Vec<f64>,
+/// }
+///
+/// impl Artifact for Series {
+///     const TYPE: &'static str = "series";
+///     const FORMAT: u32 = 1;
+///     fn encode(&self, to: &mut Encoder) {
+///         to.str(&self.unit);
+///         to.f64s(&self.values);
+///     }
+///     // The same fields in the same order. Bytes that `encode` never writes are an error.
+///     fn decode(from: &mut Decoder<'_>) -> Result<Self, Corrupt> {
+///         let series = Self { unit: from.str()?, values: from.f64s()? };
+///         if series.unit.is_empty() {
+///             return Err(Corrupt("the unit is empty".to_owned()));
+///         }
+///         Ok(series)
+///     }
+///     fn bytes(&self) -> usize {
+///         self.unit.len() + 8 * self.values.len() + 64
+///     }
+///     fn difference(&self, other: &Self) -> Difference {
+///         if self == other {
+///             return Difference::none();
+///         }
+///         Difference::of(format!("numbers: {} and {}", self.values.len(), other.values.len()))
+///     }
+/// }
+///
+/// let series = Series { unit: "lux".to_owned(), values: vec![1.0, 2.5] };
+/// let bytes = encode_to_vec(&series);
+/// assert_eq!(decode_all::<Series>(&bytes)?, series);
+/// assert!(decode_all::<Series>(&bytes[1..]).is_err());
+/// # Ok::<(), Corrupt>(())
+/// ```
 pub trait Artifact: Send + Sync + Sized + 'static {
     /// Name of the type in kebab-case. An output can be connected to an input if their types have the same name.
     const TYPE: &'static str;
@@ -51,209 +94,6 @@ impl Difference {
     /// A difference described by one line.
     pub fn of(summary: impl Into<String>) -> Self {
         Self { equal: false, summary: summary.into() }
-    }
-}
-
-/// Error for bytes that cannot be decoded as a value of the stored type.
-#[derive(Debug, Clone, thiserror::Error)]
-#[error("the stored value cannot be decoded: {0}")]
-pub struct Corrupt(pub String);
-
-/// Appends primitive values in little-endian order. Slices are preceded by their length.
-#[derive(Debug, Default)]
-pub struct Encoder {
-    bytes: Vec<u8>,
-    /// Receives the bytes in chunks if only their digest is needed.
-    digest: Option<DigestWriter>,
-}
-
-macro_rules! scalar_codec {
-    ($($name:ident: $type:ty),*) => {
-        impl Encoder { $(
-            #[doc = concat!("Appends one `", stringify!($type), "`.")]
-            pub fn $name(&mut self, value: $type) { self.raw(&value.to_le_bytes()); }
-        )* }
-        impl Decoder<'_> { $(
-            #[doc = concat!("Reads one `", stringify!($type), "`.")]
-            pub fn $name(&mut self) -> Result<$type, Corrupt> {
-                let mut raw = [0; size_of::<$type>()];
-                raw.copy_from_slice(self.take(size_of::<$type>())?);
-                Ok(<$type>::from_le_bytes(raw))
-            }
-        )* }
-    };
-}
-scalar_codec!(u8: u8, u32: u32, u64: u64, f32: f32, f64: f64);
-
-macro_rules! slice_codec {
-    ($($name:ident: $type:ty),*) => {
-        impl Encoder { $(
-            #[doc = concat!("Appends a length and that many `", stringify!($type), "`.")]
-            pub fn $name(&mut self, values: &[$type]) {
-                self.u64(values.len() as u64);
-                if cfg!(target_endian = "little") {
-                    self.raw(bytemuck::cast_slice(values));
-                } else {
-                    for value in values { self.raw(&value.to_le_bytes()); }
-                }
-            }
-        )* }
-        impl Decoder<'_> { $(
-            #[doc = concat!("Reads what the encoder's `", stringify!($name), "` wrote.")]
-            pub fn $name(&mut self) -> Result<Vec<$type>, Corrupt> {
-                let count = self.length(size_of::<$type>())?;
-                let raw = self.take(count * size_of::<$type>())?;
-                Ok(raw.chunks_exact(size_of::<$type>())
-                    .map(|chunk| { let mut one = [0; size_of::<$type>()]; one.copy_from_slice(chunk); <$type>::from_le_bytes(one) })
-                    .collect())
-            }
-        )* }
-    };
-}
-slice_codec!(u8s: u8, u32s: u32, f32s: f32, f64s: f64);
-
-impl Encoder {
-    /// Appends one `bool` as a byte.
-    pub fn bool(&mut self, value: bool) {
-        self.u8(u8::from(value));
-    }
-
-    /// Appends a length and UTF-8 text.
-    pub fn str(&mut self, value: &str) {
-        self.u8s(value.as_bytes());
-    }
-
-    /// Appends bytes without their length.
-    pub(crate) fn raw(&mut self, bytes: &[u8]) {
-        if let Some(digest) = &mut self.digest
-            && self.bytes.len() + bytes.len() > DIGESTED
-        {
-            take(digest, &self.bytes);
-            take(digest, bytes);
-            self.bytes.clear();
-        } else {
-            self.bytes.extend_from_slice(bytes);
-        }
-    }
-
-    /// Appends another artifact.
-    pub fn artifact<A: Artifact>(&mut self, value: &A) {
-        value.encode(self);
-    }
-
-    /// The bytes written so far.
-    pub fn finish(self) -> Vec<u8> {
-        self.bytes
-    }
-}
-
-/// Length in bytes of the chunks in which bytes are digested.
-const DIGESTED: usize = 1 << 16;
-
-/// Reads what an [`Encoder`] wrote. Every length is checked against the remaining bytes before anything is
-/// allocated.
-#[derive(Debug)]
-pub struct Decoder<'a> {
-    rest: &'a [u8],
-}
-
-impl<'a> Decoder<'a> {
-    /// A decoder at the start of `bytes`.
-    pub fn new(bytes: &'a [u8]) -> Self {
-        Self { rest: bytes }
-    }
-
-    fn take(&mut self, count: usize) -> Result<&'a [u8], Corrupt> {
-        let (head, rest) = self.rest.split_at_checked(count).ok_or_else(|| {
-            Corrupt(format!(
-                "the data ends too early (bytes needed: {count}, remaining: {})",
-                self.rest.len()
-            ))
-        })?;
-        self.rest = rest;
-        Ok(head)
-    }
-
-    /// Reads the number of elements of a list. Returns an error if the remaining bytes cannot hold that many
-    /// elements of `size` bytes each.
-    pub fn length(&mut self, size: usize) -> Result<usize, Corrupt> {
-        let count = self.u64()?;
-        match usize::try_from(count) {
-            Ok(n) if n.checked_mul(size.max(1)).is_some_and(|b| b <= self.rest.len()) => Ok(n),
-            _ => Err(Corrupt(format!(
-                "a list claims to hold more elements than the data can contain (elements: {count}, remaining bytes: {})",
-                self.rest.len()
-            ))),
-        }
-    }
-
-    /// Reads the number of elements of a list, stored in 32 bits. Returns an error if the remaining bytes cannot
-    /// hold that many elements of at least `size` bytes each.
-    pub(crate) fn count(&mut self, size: usize) -> Result<usize, Corrupt> {
-        let count = self.u32()? as usize;
-        match count.checked_mul(size) {
-            Some(bytes) if bytes <= self.rest.len() => Ok(count),
-            _ => Err(Corrupt(format!(
-                "a list claims to hold more elements than the data can contain (elements: {count}, remaining bytes: {})",
-                self.rest.len()
-            ))),
-        }
-    }
-
-    /// Number of remaining bytes.
-    pub(crate) fn left(&self) -> usize {
-        self.rest.len()
-    }
-
-    /// Reads a slice or a text and returns its byte range within `whole`, which must be the bytes with which this
-    /// decoder was created.
-    pub(crate) fn raw_range(&mut self, whole: &[u8]) -> Result<std::ops::Range<usize>, Corrupt> {
-        let length = self.raw()?.len();
-        let end = whole.len() - self.rest.len();
-        Ok(end - length..end)
-    }
-
-    /// Reads a slice or a text without copying it.
-    pub(crate) fn raw(&mut self) -> Result<&'a [u8], Corrupt> {
-        let count = self.length(1)?;
-        self.take(count)
-    }
-
-    pub(crate) fn array<const N: usize>(&mut self) -> Result<[u8; N], Corrupt> {
-        let mut array = [0; N];
-        array.copy_from_slice(self.take(N)?);
-        Ok(array)
-    }
-
-    /// Reads one `bool`.
-    pub fn bool(&mut self) -> Result<bool, Corrupt> {
-        match self.u8()? {
-            0 => Ok(false),
-            1 => Ok(true),
-            other => Err(Corrupt(format!("a boolean is stored as {other}; it must be 0 or 1"))),
-        }
-    }
-
-    /// Reads a text.
-    pub fn str(&mut self) -> Result<String, Corrupt> {
-        String::from_utf8(self.u8s()?).map_err(|_| Corrupt("a text is not valid UTF-8".to_owned()))
-    }
-
-    /// Reads an artifact.
-    pub fn artifact<A: Artifact>(&mut self) -> Result<A, Corrupt> {
-        A::decode(self)
-    }
-
-    /// Returns an error if bytes remain.
-    pub fn end(&self) -> Result<(), Corrupt> {
-        if self.rest.is_empty() {
-            Ok(())
-        } else {
-            Err(Corrupt(format!(
-                "unexpected data after the end of the value (length in bytes: {})",
-                self.rest.len()
-            )))
-        }
     }
 }
 
@@ -305,24 +145,32 @@ impl ArtifactType {
     }
 }
 
+impl Encoder {
+    /// Appends another artifact.
+    pub fn artifact<A: Artifact>(&mut self, value: &A) {
+        value.encode(self);
+    }
+}
+
+impl Decoder<'_> {
+    /// Reads an artifact.
+    pub fn artifact<A: Artifact>(&mut self) -> Result<A, Corrupt> {
+        A::decode(self)
+    }
+}
+
 /// The canonical bytes of a value.
 pub fn encode_to_vec<A: Artifact>(value: &A) -> Vec<u8> {
-    let mut to = Encoder { bytes: Vec::with_capacity(value.bytes() + 64), digest: None };
+    let mut to = Encoder::with_capacity(value.bytes() + 64);
     value.encode(&mut to);
     to.finish()
 }
 
 /// The digest of the canonical bytes of a value, without holding all of them in memory.
 pub(crate) fn digest_of<A: Artifact>(value: &A) -> Digest {
-    let mut to = Encoder { bytes: Vec::with_capacity(DIGESTED), digest: Some(DigestWriter::new()) };
+    let mut to = Encoder::digesting();
     value.encode(&mut to);
-    let mut digest = to.digest.unwrap_or_default();
-    take(&mut digest, &to.bytes);
-    digest.finish()
-}
-
-fn take(digest: &mut DigestWriter, bytes: &[u8]) {
-    digest.write_all(bytes).expect("hashing does not fail");
+    to.into_digest()
 }
 
 /// Decodes bytes that hold exactly one value.

@@ -7,6 +7,28 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use cache::Digest;
 
 /// The failure of a node: a message, the responsible field, and advice.
+///
+/// Any error of the standard library or of another crate becomes a `NodeError` by `?`. A kind rarely needs an error
+/// type of its own.
+///
+/// ```
+/// use engine::NodeError;
+///
+/// fn exposure(text: &str) -> Result<f64, NodeError> {
+///     let seconds: f64 = text.trim().parse()?;
+///     if seconds <= 0.0 {
+///         let what = format!("the exposure is {seconds} s, but it must be positive");
+///         return Err(NodeError::new(what).at("path").hint("correct the first line of the file"));
+///     }
+///     Ok(seconds)
+/// }
+///
+/// assert_eq!(exposure(" 0.5\n")?, 0.5);
+/// assert_eq!(exposure("fast").expect_err("a word").message(), "invalid float literal");
+/// let error = exposure("-1").expect_err("negative");
+/// assert_eq!(error.advice(), Some("correct the first line of the file"));
+/// # Ok::<(), NodeError>(())
+/// ```
 #[derive(Debug)]
 pub struct NodeError {
     pub(crate) kind: NodeErrorKind,

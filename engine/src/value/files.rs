@@ -1,6 +1,7 @@
 //! The output of a sink: bytes of files that have no path yet.
 
-use crate::value::artifact::{Artifact, Corrupt, Decoder, Difference, Encoder};
+use crate::value::artifact::{Artifact, Difference};
+use crate::value::codec::{Corrupt, Decoder, Encoder};
 
 /// A file of a sink.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -1,6 +1,7 @@
 //! Values, errors, notes and paths: the basis of all other modules.
 
 pub(crate) mod artifact;
+pub(crate) mod codec;
 pub(crate) mod counts;
 pub(crate) mod cpu;
 pub(crate) mod error;

@@ -30,6 +30,21 @@ pub struct Note {
 }
 
 /// The notes of one run of a node, in order.
+///
+/// ```
+/// use engine::{Level, Notes};
+///
+/// let mut notes = Notes::none();
+/// notes.count("dark-pixels", 3, "of the pixels are black and have no direction");
+/// notes.count("bright-pixels", 0, "of the pixels are clipped"); // Adds nothing.
+/// notes.decision("unit", "the file states no unit, so metres are used");
+/// assert!(!notes.is_degraded());
+/// notes.degraded("few-views", "only 2 of the 8 views could be read");
+///
+/// let listed: Vec<(Level, &str)> = notes.iter().map(|note| (note.level, note.id.as_str())).collect();
+/// assert_eq!(listed, [(Level::Count, "dark-pixels"), (Level::Decision, "unit"), (Level::Degraded, "few-views")]);
+/// assert!(notes.is_degraded());
+/// ```
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Notes(Vec<Note>);
 

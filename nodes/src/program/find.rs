@@ -24,12 +24,14 @@ pub fn find(name: &str, folder: &Path) -> Result<PathBuf, ProgramError> {
     paths.find(|path| is_executable(path)).ok_or_else(|| missing("in the folders of `PATH`".to_owned()))
 }
 
+// Only Unix has a permission to execute files.
 #[cfg(unix)]
 fn is_executable(path: &Path) -> bool {
     use std::os::unix::fs::PermissionsExt;
     path.metadata().is_ok_and(|data| data.is_file() && data.permissions().mode() & 0o111 != 0)
 }
 
+// On Windows, the extension of a file states whether it is a program; `find` tries `.exe`.
 #[cfg(not(unix))]
 fn is_executable(path: &Path) -> bool {
     path.is_file()

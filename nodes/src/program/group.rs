@@ -55,6 +55,8 @@ pub fn run(
         .stdin(Stdio::null())
         .stdout(create(&paths[0])?)
         .stderr(create(&paths[1])?);
+    // Windows has no process groups that end together. Its job objects would need `unsafe` code, which is forbidden here;
+    // so processes that the program starts may outlive it there.
     #[cfg(unix)]
     std::os::unix::process::CommandExt::process_group(&mut command, 0);
     let started = command.spawn();
@@ -99,7 +101,8 @@ struct Group {
 
 impl Group {
     /// The exit status of the program, if it has ended. The other processes of its group are killed then, while the
-    /// number of the group still belongs to the program.
+    /// number of the group still belongs to the program. Only `waitid` of Unix looks at a process without releasing its
+    /// number.
     #[cfg(unix)]
     fn ended(&mut self) -> std::io::Result<Option<ExitStatus>> {
         use rustix::process::{WaitId, WaitIdOptions, waitid};
@@ -111,6 +114,7 @@ impl Group {
         self.end().map(Some)
     }
 
+    /// The exit status of the program, if it has ended. There is no group to kill.
     #[cfg(not(unix))]
     fn ended(&mut self) -> std::io::Result<Option<ExitStatus>> {
         let status = self.child.try_wait();
@@ -125,6 +129,7 @@ impl Group {
         self.child.wait()
     }
 
+    /// The number of the program, which is also that of its group.
     #[cfg(unix)]
     fn pid(&self) -> Option<rustix::process::Pid> {
         rustix::process::Pid::from_raw(i32::try_from(self.child.id()).ok()?)
@@ -138,6 +143,7 @@ impl Group {
         }
     }
 
+    /// Kills the program. The processes that it started are not killed; see [`run`].
     #[cfg(not(unix))]
     fn kill(&mut self) {
         let _ = self.child.kill();

@@ -24,7 +24,7 @@ use cache::{Digest, DigestWriter};
 
 use crate::record::record::{digest, read_digest};
 use crate::share::bundle::names::{clash, wrong_name};
-use crate::value::artifact::{Corrupt, Decoder, Encoder};
+use crate::value::codec::{Corrupt, Decoder, Encoder};
 
 const MAGIC: &[u8; 8] = b"LHbundle";
 const FORMAT: u32 = 1;
