@@ -11,6 +11,8 @@ pub mod locked;
 pub mod look;
 pub mod mesh;
 mod names;
+#[cfg(feature = "serve")]
+pub mod orientation;
 pub mod origin;
 #[cfg(feature = "remote")]
 mod remote;

@@ -14,6 +14,9 @@ use scene::math::num;
 use scene::types::frame::Similarity;
 use scene::types::{Rig, Splats};
 
+#[cfg(feature = "serve")]
+use super::orientation::Orientation;
+
 /// Maximum angle in degrees between the measured up direction and an axis. If the angle is at most this, the axis
 /// is used as the up direction.
 const STRAIGHT_DEG: f64 = 2.5;
@@ -34,6 +37,9 @@ pub enum UpBy {
     Format,
     /// Neither measured nor defined by the format.
     Guessed,
+    /// Set by the user.
+    #[cfg(feature = "serve")]
+    Chosen,
 }
 
 /// A capture that was rotated upright.
@@ -57,6 +63,10 @@ pub struct Standing {
     pub camera_matrix: Option<[f64; 16]>,
     /// Floor, ceiling and scale in world space.
     pub stand: LevelEstimate,
+    /// Metres per unit that the user has set, in place of the scale of `stand`.
+    pub chosen_scale: Option<f64>,
+    /// True if the format of the file defines an up axis.
+    pub is_declared: bool,
 }
 
 fn context(up: Up) -> Context {
@@ -175,6 +185,44 @@ impl Standing {
         let cameras = cameras.map(|path| rig(path, camera_matrix, &cx)).transpose()?;
         let stand = level::upright(&place, axes(up)[2], cameras.as_deref())
             .ok_or_else(|| NodeError::new(format!("`{}` has no visible splats", splats.display())))?;
-        Ok(Self { splats: place, cameras, up, by, confidence, matrix, camera_matrix, stand })
+        Ok(Self {
+            splats: place,
+            cameras,
+            up,
+            by,
+            confidence,
+            matrix,
+            camera_matrix,
+            stand,
+            chosen_scale: None,
+            is_declared: declared.is_some(),
+        })
+    }
+
+    /// Orientation of the splats.
+    #[cfg(feature = "serve")]
+    pub fn orientation(&self) -> Orientation {
+        Orientation { up: self.up, matrix: self.matrix }
+    }
+
+    /// Reads the same capture from `splats` in an orientation that the user has set.
+    #[cfg(feature = "serve")]
+    pub fn turned(&self, splats: &Path, to: Orientation) -> Result<Self, NodeError> {
+        let Orientation { up, matrix } = to;
+        let place = load(splats, matrix, &context(up))?;
+        let stand = level::upright(&place, axes(up)[2], None)
+            .ok_or_else(|| NodeError::new(format!("`{}` has no visible splats", splats.display())))?;
+        Ok(Self {
+            splats: place,
+            cameras: None,
+            up,
+            by: UpBy::Chosen,
+            confidence: 1.0,
+            matrix,
+            camera_matrix: None,
+            stand,
+            chosen_scale: None,
+            is_declared: self.is_declared,
+        })
     }
 }

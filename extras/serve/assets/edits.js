@@ -26,8 +26,10 @@ export function Edits(page, marked, refused) {
 
   async function send(path, data, digest) {
     try {
-      written = (await post(path, { ...data, digest: digest ?? seen() })).digest ?? written;
+      const answer = await post(path, { ...data, digest: digest ?? seen() });
+      written = answer.digest ?? written;
       page.notify(null);
+      return answer;
     } catch (error) {
       if (error.body?.code === "stale") { written = null; page.refresh(); }
       throw error;
@@ -47,7 +49,7 @@ export function Edits(page, marked, refused) {
     clearTimeout(waiting);
     waiting = null;
     await change("/set", edit);
-    marked([]);
+    plan(null);
     return true;
   }).then((done) => {
     if (done === null) { post("/try", null).catch(() => {}); refused(); }
@@ -83,25 +85,28 @@ export function Edits(page, marked, refused) {
   function revert() {
     [trying, dragging] = [null, false];
     seenPreview();
-    marked([]);
+    plan(null);
     page.attempt(() => post("/try", null));
   }
 
-  // Shows what an edit would run, when the user has stopped typing.
+  // Shows what an edit would run, before it is made, when the user has stopped typing. `null` removes that.
   function plan(edit) {
     clearTimeout(waiting);
     const own = setTimeout(async () => {
+      let [nodes, words] = [[], ""];
       try {
-        const { nodes, forecast } = await post("/plan", edit);
-        if (waiting !== own) return;
-        marked(nodes);
-        $("plan").textContent = nodes.length ? `would run ${nodes.join(", ")}${forecast.seconds ? `; about ${seconds(forecast.seconds)}` : ""}` : "would run nothing";
+        const found = edit && await post("/plan", { digest: seen(), ...edit });
+        if (found) {
+          nodes = found.nodes;
+          words = nodes.length ? `would run ${nodes.join(", ")}${found.forecast.seconds ? `; about ${seconds(found.forecast.seconds)}` : ""}` : "would run nothing";
+        }
       } catch (error) {
-        if (waiting !== own) return;
-        marked([]);
-        $("plan").textContent = error.message;
+        words = error.message;
       }
-    }, 200);
+      if (waiting !== own) return;
+      marked(nodes);
+      for (const id of ["plan", "place-plan"]) if ($(id)) $(id).textContent = words;
+    }, edit ? 200 : 0);
     waiting = own;
   }
 
@@ -113,11 +118,12 @@ export function Edits(page, marked, refused) {
       attempt: (value, at) => tryOut(whole(value, at)),
       revert,
       plan: (value, at) => plan(whole(value, at)),
+      unplan: () => plan(null),
     };
   }
 
   return {
-    change, set, attempt: tryOut, revert, of, seen,
+    change, set, attempt: tryOut, revert, of, seen, plan,
     drags: () => dragging,
     // A run or a preview has ended.
     previewed: () => seenPreview(),

@@ -29,6 +29,9 @@ export function decimal(value, digits) {
   return /[.e]/.test(text) ? text : `${text}.0`;
 }
 
+// A scale in metres per unit in RON, with five digits or more.
+export const scaleText = (value) => decimal(value, Math.min(12, Math.max(1, 5 - Math.floor(Math.log10(value)))));
+
 // Maps a slider from 0 to 1000 to the values of a number, by its range.
 export function scale(range, value, whole, unit) {
   const [low, high] = range ?? [-Infinity, Infinity];
@@ -52,7 +55,13 @@ export function scale(range, value, whole, unit) {
   return { from: (s) => snapped(value + ((s - 500) / 500) * reach), to: (v) => 500 + ((v - value) / reach) * 500 };
 }
 
-// One field. `edit` has `set(value, at)`, `attempt(value, at)`, `revert()`, `plan(value, at)`, and `go(axis, place)`.
+// Listeners of a control that show what its edit would run while the user is at it, before anything is changed.
+const foreseen = (edit, value, at = []) => ({
+  onfocus: () => edit.plan(value(), at), onpointerenter: () => edit.plan(value(), at), onblur: () => edit.unplan(), onpointerleave: () => edit.unplan(),
+});
+
+// One field. `edit` has `set(value, at)`, `attempt(value, at)`, `revert()`, `plan(value, at)`, `unplan()`, and
+// `go(axis, place)`.
 // `instances` has the name of the node and those of all its instances along axes.
 export function field(param, value, edit, fixed, instances) {
   const text = value.text ?? value.value ?? "";
@@ -65,7 +74,7 @@ export function field(param, value, edit, fixed, instances) {
     value.text === null && el("span", { class: "unit" }, "default"));
   if (value.text !== null && param.default !== null && !why && !keys) {
     head.append(el("span", { class: "space" }), el("button", {
-      type: "button", title: `Remove it from the text; the default is ${param.default}`, onclick: () => edit.set(null, []),
+      type: "button", title: `Remove it from the text; the default is ${param.default}`, onclick: () => edit.set(null, []), ...foreseen(edit, () => null),
     }, "Default"));
   }
   const wrong = el("div", { class: "wrong", role: "alert" });
@@ -78,7 +87,7 @@ function editors(param, text, edit) {
   const type = param.type.replace(/ \(optional\)$/, "");
   const isNumber = (part) => /^[-+]?[\d.][\d._eE+-]*$/.test(part);
   if (type === "true | false") {
-    const box = el("input", { type: "checkbox", checked: text === "true", "aria-label": param.name, onchange: () => edit.set(String(box.checked), []) });
+    const box = el("input", { type: "checkbox", checked: text === "true", "aria-label": param.name, onchange: () => edit.set(String(box.checked), []), ...foreseen(edit, () => String(!box.checked)) });
     return [el("label", { class: "row" }, box, text === "true" ? "on" : "off")];
   }
   if (["number", "whole number", "integer"].includes(type) && isNumber(text)) {
@@ -92,7 +101,7 @@ function editors(param, text, edit) {
   const word = /^\w+/.exec(text)?.[0] ?? "";
   if (param.choices.length > 1) {
     const known = param.choices.some((choice) => choice.name === word);
-    const select = el("select", { "aria-label": param.name, onchange: () => edit.set(select.value, []) },
+    const select = el("select", { "aria-label": param.name, onchange: () => edit.set(select.value, []), ...foreseen(edit, () => param.choices.find((choice) => choice.name !== word).name) },
       !known && el("option", { value: text, selected: true }, text),
       param.choices.map((choice) => el("option", { value: choice.name, selected: choice.name === word, title: choice.doc }, choice.name)));
     rows.push(el("div", { class: "row" }, select), el("div", { class: "dim" }, param.choices.find((choice) => choice.name === word)?.doc ?? ""));
@@ -128,6 +137,8 @@ function numberRow(param, text, at, whole, edit) {
       edit.attempt(input.value, at);
     },
     onchange: () => edit.set(input.value, at),
+    // Every other value runs the same nodes.
+    ...foreseen(edit, () => ron(from(Math.abs(to(value) - 500) < 250 ? to(value) + 100 : 500), whole), at),
     onkeydown: (event) => {
       if (event.key !== "Escape") return;
       [input.value, slider.value] = [text, to(value)];

@@ -90,16 +90,22 @@ export function Gaze(stage, things, moving) {
     return page.graph().confined ? "This graph belongs to an unpacked bundle, whose files are never written." : null;
   }
 
-  async function set() {
+  // The edit that sets the camera of the graph to the view.
+  function edit() {
     const { view } = stage;
-    const why = fixed();
-    if (why || view.exact) return stage.note(why ?? "The camera is where the view is.");
     const text = (p) => `(${p.map((v) => decimal(v, stage.decimals())).join(", ")})`;
     const node = page.graph().nodes.find((one) => one.id === view.camera.id);
     const roll = Number(node?.values.roll_deg?.value ?? 0);
     const also = [{ field: "target", at: [], value: text(view.target) }];
     if (roll) also.push({ field: "roll_deg", at: [], value: "0.0" });
-    const good = await page.set({ node: view.camera.node, field: "eye", at: [], value: text(view.eye), also });
+    return { node: view.camera.node, field: "eye", at: [], value: text(view.eye), also };
+  }
+
+  async function set() {
+    const { view } = stage;
+    const why = fixed();
+    if (why || view.exact) return stage.note(why ?? "The camera is where the view is.");
+    const good = await page.set(edit());
     if (good !== null) { stage.follow = view.camera; stage.load(); }
     return null;
   }
@@ -112,6 +118,19 @@ export function Gaze(stage, things, moving) {
     $("place-set").disabled = Boolean(why) || view.exact;
     $("place-set").textContent = "Set camera";
     $("place-set").title = why ?? (view.exact ? "Move the view first" : `Writes eye and target of \`${view.camera?.node}\` (Enter)`);
+  }
+
+  // What the camera would run is shown before it is set.
+  const foresee = () => { if (!fixed() && !stage.view.exact) page.plan(edit()); };
+  for (const come of ["pointerenter", "focus"]) $("place-set").addEventListener(come, foresee);
+  for (const go of ["pointerleave", "blur"]) $("place-set").addEventListener(go, () => page.plan(null));
+
+  // Turns the view by keys, about the point that is looked at.
+  function turn(dx, dy) {
+    stage.looked = true;
+    stage.view.orbit(dx, dy);
+    moving();
+    stage.redraw();
   }
 
   // ---- flight
@@ -138,5 +157,5 @@ export function Gaze(stage, things, moving) {
   document.addEventListener("keyup", (event) => flying.delete(event.key.toLowerCase()));
   window.addEventListener("blur", () => flying.clear());
 
-  return { look, above, toObject, follow, set, button, press, flies: () => flying.size > 0 };
+  return { look, above, toObject, follow, set, turn, button, press, flies: () => flying.size > 0 };
 }

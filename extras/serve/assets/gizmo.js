@@ -1,9 +1,12 @@
 // Lines over the place view, in two dimensions: the gizmo of an object, cameras, probes; and what is under the pointer.
+import { large } from "./dom.js";
 import { add, column, cross, distance, dot, mul, sub, unit } from "./space.js";
 
 const COLOURS = { right: "#e0564f", forward: "#57b05a", up: "#4f8fe8", ring: "#e6b93c", scale: "#d8d8d4", dim: "#c9ccd2", chosen: "#6fb1ff", probe: "#e6b93c" };
 // Lengths on the screen, in pixels.
 const [ARROW, RING, BOX, NEAR] = [84, 60, 104, 9];
+// Factor of lengths and letters on a large screen.
+const LARGE = 1.5;
 
 export const handles = (frame) => [["right", frame.right], ["forward", frame.forward], ["up", frame.up]];
 
@@ -16,11 +19,13 @@ function toSegment(p, a, b) {
 export function Lines(canvas) {
   const pen = canvas.getContext("2d");
   let view = null;
+  let k = 1;
   // Points on the screen by which the last drawing can be hit.
   let hits = [];
 
   function begin(next, ratio) {
     view = next;
+    k = large() ? LARGE : 1;
     hits = [];
     const [width, height] = view.size.map((v) => Math.max(1, Math.round(v * ratio)));
     if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
@@ -30,14 +35,20 @@ export function Lines(canvas) {
     pen.lineCap = "round";
   }
 
+  // The cross at which keys aim.
+  function aim(p) {
+    if (!p) return;
+    for (const [dx, dy] of [[12, 0], [0, 12]]) stroke([[p[0] - dx * k, p[1] - dy * k], [p[0] + dx * k, p[1] + dy * k]], "#fff", 1.5);
+  }
+
   // A line with a dark edge, so that it is visible on any ground.
   function stroke(points, colour, width = 2, alpha = 1) {
     if (points.some((p) => !p)) return;
     const path = () => { pen.beginPath(); points.forEach((p, i) => (i ? pen.lineTo(p[0], p[1]) : pen.moveTo(p[0], p[1]))); };
     pen.globalAlpha = alpha * 0.55;
-    path(); pen.strokeStyle = "#000"; pen.lineWidth = width + 1.5; pen.stroke();
+    path(); pen.strokeStyle = "#000"; pen.lineWidth = (width + 1.5) * k; pen.stroke();
     pen.globalAlpha = alpha;
-    path(); pen.strokeStyle = colour; pen.lineWidth = width; pen.stroke();
+    path(); pen.strokeStyle = colour; pen.lineWidth = width * k; pen.stroke();
     pen.globalAlpha = 1;
   }
 
@@ -50,8 +61,8 @@ export function Lines(canvas) {
   }
 
   function text(words, x, y, colour = "#fff") {
-    pen.font = "12px system-ui, sans-serif";
-    pen.lineWidth = 3; pen.strokeStyle = "#000b"; pen.fillStyle = colour;
+    pen.font = `${12 * k}px system-ui, sans-serif`;
+    pen.lineWidth = 3 * k; pen.strokeStyle = "#000b"; pen.fillStyle = colour;
     pen.strokeText(words, x, y); pen.fillText(words, x, y);
   }
 
@@ -118,7 +129,7 @@ export function Lines(canvas) {
   function gizmo(centre, front, hot) {
     const at = view.project(centre);
     if (!at) return;
-    const world = at[2] / view.lens().fy;
+    const world = (k * at[2]) / view.lens().fy;
     const ring = ringPoints(centre, RING * world);
     if (ring.every(Boolean)) {
       stroke(ring, COLOURS.ring, hot === "ring" ? 4 : 2.5);
@@ -187,12 +198,12 @@ export function Lines(canvas) {
       for (let i = 1; i < one.points.length; i += 1) away = Math.min(away, toSegment(p, one.points[i - 1], one.points[i]));
       // Smaller parts come first.
       const rank = away - (one.kind === "scale" ? 3 : ["ring", "camera", "tag"].includes(one.kind) ? -2 : 0);
-      if (away < NEAR && rank < (best?.rank ?? Infinity)) best = { ...one, rank };
+      if (away < NEAR * k && rank < (best?.rank ?? Infinity)) best = { ...one, rank };
     }
     return best;
   }
 
-  return { begin, mask, camera, spot, tag, probe, gizmo, contact, mark, ruler, triad, hit };
+  return { begin, mask, aim, camera, spot, tag, probe, gizmo, contact, mark, ruler, triad, hit };
 }
 
 // The place along the line through `centre` in the direction `axis` that is nearest to a ray, as a length.

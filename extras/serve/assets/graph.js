@@ -1,9 +1,11 @@
 // The graph as SVG: nodes from top to bottom, with state, progress, time and a thumbnail.
-import { $, el, seconds, show, svg } from "./dom.js";
+import { $, el, large, seconds, show, svg } from "./dom.js";
 
 const [WIDTH, HEIGHT, GAP_X, GAP_Y, MARGIN] = [158, 52, 12, 26, 10];
 // Width of a place where only a wire passes.
 const PASS = 8;
+// Factor of the drawing on a large screen.
+const LARGE = 1.45;
 const DRAWN = ["image", "views", "pano", "env", "brackets"];
 
 export const shows = (output) => DRAWN.includes(output.type) || output.type === "report";
@@ -80,11 +82,12 @@ export function Graph(choose) {
     }));
     const [width, height] = [total, y(view.columns.length) - GAP_Y + MARGIN];
     const lines = wires();
-    const drawing = svg("svg", { width, height, viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": "Graph" },
+    const k = large() ? LARGE : 1;
+    const drawing = svg("svg", { width: width * k, height: height * k, viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": "Graph" },
       lines, boxes.map((one) => one.group));
     drawing.lines = lines;
     // A wide graph is made smaller, but stays readable; the rest is scrolled to.
-    drawing.style.minWidth = `${Math.round(width * 0.7)}px`;
+    drawing.style.minWidth = `${Math.round(width * k * 0.7)}px`;
     show(place, drawing);
     view.nodes.forEach((node) => update(node.id, nodes[node.id]));
     mark(chosen);

@@ -1,6 +1,6 @@
 // Measuring in the place view: the distance between two points that are clicked, and the scale of the place from it.
 import { $, number } from "./dom.js";
-import { decimal } from "./fields.js";
+import { scaleText } from "./fields.js";
 import { distance } from "./space.js";
 
 export function Measure(stage, things, pointer) {
@@ -13,7 +13,7 @@ export function Measure(stage, things, pointer) {
     points = [];
     stage.ruler = points;
     panel();
-    pointer.wait(click, "Click the first of two points whose distance you know. Escape: leave.");
+    pointer.wait(click, "Click the first of two points whose distance you know, or aim with the arrow keys and press Enter. Escape: leave.");
     $("place-measure").setAttribute("aria-pressed", "true");
     return stage.redraw();
   }
@@ -43,9 +43,7 @@ export function Measure(stage, things, pointer) {
   async function set() {
     const metres = Number($("ruler-length").value.replace(",", "."));
     if (!(metres > 0) || !Number.isFinite(metres)) return note("The length must be a number of metres above 0.");
-    const value = metres / units();
-    const digits = Math.max(1, 5 - Math.floor(Math.log10(value)));
-    const good = await page.set({ node: "scene", field: "metres_per_unit", at: [], value: decimal(value, Math.min(digits, 12)) });
+    const good = await page.set({ node: "scene", field: "metres_per_unit", at: [], value: scaleText(metres / units()) });
     if (good !== null) close();
     return null;
   }

@@ -3,6 +3,9 @@ import { $, el, seconds, show } from "./dom.js";
 import { field, flowing } from "./fields.js";
 import { shows } from "./graph.js";
 
+// Types of values that the place view shows.
+const IN_PLACE = ["splats", "mesh", "rig", "pose", "placed"];
+
 // `page` gives the graph (`view`), the state (`state`) and the chosen node (`chosen`); `edits` edits parameters, and
 // `output` is called with the output that the user wants to see.
 export function NodePane(page, edits, output) {
@@ -36,7 +39,8 @@ export function NodePane(page, edits, output) {
       unset.length ? el("details", { class: "unset", open: opened, ontoggle: (event) => { opened = event.target.open; } }, el("summary", {}, `Not set: ${unset.map((param) => param.name).join(", ")}`),
         unset.map(editor)) : null,
       el("details", { class: "doc" }, el("summary", {}, "About this kind"), el("p", {}, flowing(kind.doc))));
-    if (focus) $("node").querySelector(`[aria-label="${CSS.escape(focus)}"]`)?.focus();
+    // A control that has the focus again is not one that the user has come to.
+    if (focus) { $("node").querySelector(`[aria-label="${CSS.escape(focus)}"]`)?.focus(); edits.plan(null); }
     return facts(node, now);
   }
 
@@ -45,8 +49,11 @@ export function NodePane(page, edits, output) {
       : `${now.status ?? "unknown"}${now.seconds ? `, ${seconds(now.seconds)} (${seconds(now.cpu_seconds)} of CPU time)` : ""}${now.preview ? ", preview" : ""}`;
     const place = $("facts");
     if (!place) return;
+    const inPlace = (out) => IN_PLACE.includes(out.type);
     const button = (out) => el("button", {
-      type: "button", disabled: !shows(out), title: shows(out) ? `Show it (${out.type})` : `Values of the type ${out.type} are not pictures`, onclick: () => output(`${node.id}.${out.port}`),
+      type: "button", disabled: !shows(out) && !inPlace(out),
+      title: shows(out) ? `Show it (${out.type})` : inPlace(out) ? `Show it in the place (${out.type})` : `Values of the type ${out.type} are not shown`,
+      onclick: () => (inPlace(out) ? page.reveal(node.id, out.type) : output(`${node.id}.${out.port}`)),
     }, out.port);
     show(place, el("p", { class: "dim" }, `${time}${node.line ? `; line ${node.line}` : ""}`), now.error && el("p", { class: "error" }, now.error),
       now.outputs?.length ? el("div", { class: "outputs" }, now.outputs.map(button)) : null,

@@ -44,13 +44,26 @@ export function Outputs(page, picture) {
 
   const here = () => along(output?.slice(0, output.lastIndexOf(".")) ?? "");
 
+  // One slider for each axis along which the output has more than one place.
+  let scrubbed = "";
   function axes() {
-    const all = siblings();
-    $("axis-label").hidden = all.length < 2;
-    if (all.length < 2) return;
-    $("axis").max = all.length - 1;
-    $("axis").value = all.indexOf(output);
-    $("axis-value").textContent = here();
+    const parts = (name) => along(name.slice(0, name.lastIndexOf("."))).split("/").map((part) => [part.slice(0, part.indexOf("=")), part.slice(part.indexOf("=") + 1)]);
+    const all = siblings().map(parts);
+    const shown = all.length > 1 ? parts(output) : [];
+    const found = shown.map(([axis, place], index) => ({ axis, place, places: [...new Set(all.map((one) => one[index]?.[1]))] })).filter(({ places }) => places.length > 1);
+    const signature = JSON.stringify(found.map(({ axis, places }) => [axis, places]));
+    if (signature !== scrubbed) {
+      scrubbed = signature;
+      show($("axes"), found.map(({ axis, places }, index) => {
+        const slider = el("input", { id: index ? `axis-${index + 1}` : "axis", type: "range", min: 0, max: places.length - 1, step: 1, "aria-label": `Place along ${axis}`, oninput: () => page.go(axis, places[Number(slider.value)]) });
+        return el("label", {}, slider, " ", el("output", {}));
+      }));
+    }
+    found.forEach(({ axis, place, places }, index) => {
+      const label = $("axes").children[index];
+      label.querySelector("input").value = places.indexOf(place);
+      label.querySelector("output").value = `${axis}=${place}`;
+    });
   }
 
   let shown = "";
@@ -80,10 +93,11 @@ export function Outputs(page, picture) {
     const [kind, which] = ($("other").value || "").split("|");
     const shot = kind === "shot" ? page.state.history.shots.find((one) => String(one.seconds) + one.text === which) : null;
     const file = kind === "file" ? files.find((one) => one.id === which) : null;
-    const digest = kind === "output" ? found[which] : shot?.values[output]?.[1] ?? file?.id;
-    picture.load("b", digest ?? null, file ? 0 : layer);
+    const graph = kind === "graph" ? graphs.find((one) => one.value === which) : null;
+    const digest = kind === "output" ? found[which] : graph ? graph.digest : shot?.values[output]?.[1] ?? file?.id;
+    picture.load("b", digest ?? null, file || graph ? 0 : layer);
     $("label-a").textContent = `A: ${output ?? ""}`;
-    $("label-b").textContent = shot ? `B: ${shot.label}, ${clock(shot.seconds)}` : `B: ${file?.name ?? which ?? ""}`;
+    $("label-b").textContent = shot ? `B: ${shot.label}, ${clock(shot.seconds)}` : `B: ${file?.name ?? graph?.label ?? which ?? ""}`;
   }
 
   let layersShown = "";
@@ -108,11 +122,28 @@ export function Outputs(page, picture) {
     } catch { /* the menu then has the files that were known */ }
   }
 
+  // Pictures of other graphs near the graph, which takes longer: asked for when the user comes to the menu.
+  let graphs = [];
+  let asked = 0;
+  async function lookFar() {
+    look();
+    if (Date.now() - asked < 2000) return;
+    asked = Date.now();
+    try {
+      const list = await json("/graphs");
+      const next = list.flatMap(({ name, pictures }) => pictures.map(([output, digest]) => ({ value: `${name} ${output}`, label: `${name}: ${output}`, digest })));
+      if (JSON.stringify(next) === JSON.stringify(graphs)) return;
+      graphs = next;
+      others();
+      draw();
+    } catch { /* the menu then has the graphs that were known */ }
+  }
+
   let othersShown = "";
   function others() {
     const shots = page.state.history.shots.filter((shot) => shot.values[output]).toReversed();
     const names = Object.keys(values()).filter((name) => name !== output);
-    const signature = JSON.stringify([shots.map((shot) => shot.seconds), names, files]);
+    const signature = JSON.stringify([shots.map((shot) => shot.seconds), names, files, graphs]);
     if (signature === othersShown) return;
     othersShown = signature;
     const kept = $("other").value;
@@ -121,6 +152,7 @@ export function Outputs(page, picture) {
     show($("other"), option("", "nothing"),
       group("History", shots.map((shot) => option(`shot|${shot.seconds}${shot.text}`, `${clock(shot.seconds)} ${shot.label}`))),
       group("Files", files.map((one) => option(`file|${one.id}`, one.name))),
+      group("Graphs", graphs.map((one) => option(`graph|${one.value}`, one.label))),
       group("Other outputs", names.map((name) => option(`output|${name}`, name))));
   }
 
@@ -160,7 +192,7 @@ export function Outputs(page, picture) {
 
   $("output").addEventListener("change", () => choose($("output").value));
   $("layer").addEventListener("change", draw);
-  $("other").addEventListener("pointerenter", look);
+  for (const come of ["pointerenter", "focus"]) $("other").addEventListener(come, lookFar);
   $("other").addEventListener("change", () => { if (picture.mode() === 0) picture.set(1); draw(); });
 
   return {

@@ -20,6 +20,8 @@ const page = {
   refresh,
   // Shows another place along an axis.
   go: (axis, place) => { outputs.move(axis, place); follow((id) => outputs.moved(id, axis, place)); },
+  // Shows a value in the place view.
+  reveal: async (id, type) => { await pane("place"); await place?.reveal(id, type); },
   open: (name) => choose(page.view.nodes?.find((node) => node.id === name || node.in_file === name)?.id ?? page.chosen),
 };
 let connected = false;
@@ -149,6 +151,12 @@ const start = (data) => attempt(async () => {
   page.chosen = null;
 });
 
+// Turns a bare capture, so that another of its axes points up.
+const turn = (up) => attempt(() => edits.change("/up", { up }).then(() => true));
+
+// Adds an object to the graph; gives the answer of the server.
+const add = (data) => attempt(() => edits.change("/add", data));
+
 async function pane(name) {
   for (const one of ["picture", "place", "trade"]) {
     $(one).hidden = one !== name;
@@ -163,7 +171,7 @@ async function pane(name) {
       return;
     }
     const { Place } = await import("/assets/place.js");
-    place ??= Place({ graph: () => page.view, state: () => page.state, picture: outputs.made, along: outputs.here, set: edits.set, attempt: edits.attempt, revert: edits.revert, choose, notify, start });
+    place ??= Place({ graph: () => page.view, state: () => page.state, picture: outputs.made, along: outputs.here, set: edits.set, attempt: edits.attempt, revert: edits.revert, choose, notify, start, turn, add, plan: edits.plan });
     place.open();
     await outputs.pick(place.pictured);
   });
@@ -290,13 +298,6 @@ for (const one of ["picture", "place", "trade"]) $(`tab-${one}`).addEventListene
 $("tab-graph").addEventListener("click", () => tab(false));
 $("tab-text").addEventListener("click", () => tab(true));
 $("mode").addEventListener("input", measures.update);
-$("axis").addEventListener("input", () => {
-  const name = outputs.siblings()[Number($("axis").value)];
-  if (name) outputs.choose(name);
-  // The instance of the chosen node that is at this place.
-  const parts = outputs.here().split("/");
-  follow((id) => page.view.nodes.find((one) => one.in_file === id.split("/")[0] && one.id !== one.in_file && one.id.split("/").slice(1).every((part) => parts.includes(part)))?.id);
-});
 $("theme").addEventListener("click", () => {
   const { dataset } = document.documentElement;
   const dark = dataset.theme ? dataset.theme === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;

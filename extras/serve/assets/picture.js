@@ -206,6 +206,35 @@ export function Picture(report, drawn) {
     $("pixel").textContent = inside ? [`(${Math.floor(x)}, ${Math.floor(y)})`, sample("a", u, v), sample("b", u, v), differs].filter(Boolean).join("   ") : "";
   }
 
+  // What is shown moves by a part of the pane.
+  function pan(right, down) {
+    if (sphere()) {
+      state.sphere.yaw += right * 0.1;
+      state.sphere.pitch = Math.max(-1.55, Math.min(1.55, state.sphere.pitch - down * 0.1));
+    } else {
+      state.pan = [state.pan[0] - right * 40, state.pan[1] - down * 40];
+      state.fitted = false;
+    }
+    redraw();
+  }
+
+  function slide(split) {
+    state.split = Math.min(1, Math.max(0, split));
+    $("split").setAttribute("aria-valuenow", String(Math.round(100 * state.split)));
+    redraw();
+  }
+
+  view.addEventListener("keydown", (event) => {
+    const [right, down] = { ArrowRight: [1, 0], ArrowLeft: [-1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key] ?? [0, 0];
+    const by = event.shiftKey ? 5 : 1;
+    if (event.ctrlKey || event.metaKey || event.altKey || event.target.closest("#report")) return;
+    if (event.target === $("split") && (right || ["Home", "End"].includes(event.key))) slide({ Home: 0, End: 1 }[event.key] ?? state.split + 0.02 * right * by);
+    else if (right || down) pan(right * by, down * by);
+    else return;
+    event.preventDefault();
+    event.stopPropagation();
+  });
+
   let drag = null;
   view.addEventListener("pointerdown", (event) => {
     if (event.target.closest("#report")) return;
@@ -217,7 +246,7 @@ export function Picture(report, drawn) {
     if (!drag) return;
     if (drag.split) {
       const box = view.getBoundingClientRect();
-      state.split = Math.min(1, Math.max(0, (event.clientX - box.left) / box.width));
+      slide((event.clientX - box.left) / box.width);
     } else if (sphere()) {
       // What is under the pointer follows it.
       state.sphere.yaw = drag.ball.yaw - (event.clientX - drag.x) / focal();

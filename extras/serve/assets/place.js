@@ -1,5 +1,6 @@
 // The place view: the captured place in three dimensions, in which objects and cameras are placed by hand.
 import { $, framed, number } from "./dom.js";
+import { Adder } from "./adder.js";
 import { FLIGHT, Gaze } from "./gaze.js";
 import { Lines } from "./gizmo.js";
 import { Measure } from "./measure.js";
@@ -13,22 +14,26 @@ import { Things } from "./things.js";
 // A rig with more cameras than this is that of a capture: its cameras are points.
 const FEW_CAMERAS = 12;
 
+// A step by which keys turn the view, in radians.
+const TURN = Math.PI / 36;
+
 // `page` gives the graph (`graph()`), the state (`state()`), the picture of the graph (`picture()`), the place along
-// the axes (`along()`), edits (`set`, `attempt`, `revert`), `choose`, `notify`, and `start`.
+// the axes (`along()`), edits (`set`, `attempt`, `revert`, `plan`), `choose`, `notify`, `start`, `turn` and `add`.
 export function Place(page) {
   const [pane, box] = [$("place"), $("space")];
   const solid = Solid($("solid"));
   if (solid.failure) {
     $("space-note").textContent = solid.failure;
-    return { open() {}, changed() {}, pictured() {}, key: () => false };
+    return { open() {}, reveal() {}, changed() {}, pictured() {}, key: () => false };
   }
   const lines = Lines($("lines"));
   const redraw = framed(draw);
-  const stage = Stage({ page, solid, redraw, arrived: () => starter.draw(), settled: () => gaze.follow() });
+  const stage = Stage({ page, solid, redraw, arrived: () => { starter.draw(); adder.draw(); }, settled: () => gaze.follow() });
   const things = Things(stage);
   const gaze = Gaze(stage, things, coarse);
   const pointer = Pointer(stage, things, gaze, lines, coarse);
   const starter = Starter(stage, things, pointer);
+  const adder = Adder(stage, things, pointer);
   const measure = Measure(stage, things, pointer);
 
   // ---- keys
@@ -44,6 +49,7 @@ export function Place(page) {
     const { scene, view } = stage;
     if (!scene || event.ctrlKey || event.metaKey || event.altKey) return false;
     const name = event.key.toLowerCase();
+    if (pointer.aim(event)) return true;
     if (FLIGHT[name]) {
       gaze.press(name);
       return true;
@@ -59,6 +65,8 @@ export function Place(page) {
       arrowup: () => move(ahead, reach), arrowdown: () => move(ahead, -reach),
       pageup: () => move(scene.up, reach), pagedown: () => move(scene.up, -reach),
       ",": () => things.step({ radians: Math.PI / 36 }), ".": () => things.step({ radians: -Math.PI / 36 }),
+      "<": () => things.step({ k: 1 / 1.05 }), ">": () => things.step({ k: 1.05 }),
+      j: () => gaze.turn(-TURN, 0), l: () => gaze.turn(TURN, 0), i: () => gaze.turn(0, -TURN), k: () => gaze.turn(0, TURN),
       g: things.drop, x: pointer.placeByClick, c: () => gaze.look(next(scene.cameras, Number($("place-view").value || -1))),
       m: measure.begin, n: () => pointer.select(next(scene.objects, stage.selected)),
       0: gaze.above, f: gaze.toObject, o: () => onion($("place-onion").value > 0 ? 0 : 1), enter: gaze.set,
@@ -98,6 +106,7 @@ export function Place(page) {
     if (view.camera) lines.mask();
     if ($("place-guides").checked) guides();
     lines.triad();
+    if (stage.tool) lines.aim(stage.aim);
     overlay();
     gaze.button();
   }
@@ -186,5 +195,23 @@ export function Place(page) {
     }, 60);
   }
 
-  return { open: () => { stage.load().then(things.position); box.focus({ preventScroll: true }); }, changed, key, pictured: () => { if (stage.view && !pane.hidden) overlay(); } };
+  // Shows a value in the place: the mesh, the splats, the camera or the object that a node gives.
+  async function reveal(id, type) {
+    await stage.load();
+    const { scene } = stage;
+    if (!scene) return;
+    const at = (list, fits) => list.findIndex(fits);
+    const [splats, camera] = [at(scene.splats, (one) => one.node === id), at(scene.cameras, (one) => one.id === id || one.node === id)];
+    const object = at(scene.objects, (one) => one.node === id || one.pose_id === id);
+    if (type === "splats" && splats >= 0) {
+      $("place-splats").value = String(splats);
+      $("place-cloud").checked = true;
+      await stage.splats();
+    } else if (type === "mesh" && !$("place-mesh").checked) $("place-mesh").click();
+    else if (type === "rig" && camera >= 0) gaze.look(camera);
+    else if (object >= 0) { pointer.select(object); gaze.toObject(); }
+    redraw();
+  }
+
+  return { reveal, open: () => { stage.load().then(things.position); box.focus({ preventScroll: true }); }, changed, key, pictured: () => { if (stage.view && !pane.hidden) overlay(); } };
 }

@@ -78,7 +78,7 @@ export function Pointer(stage, things, gaze, lines, moving) {
   }
 
   box.addEventListener("pointerdown", (event) => {
-    if (!stage.scene || event.target.closest("#start, #ruler")) return;
+    if (!stage.scene || event.target.closest("#start, #add, #ruler")) return;
     box.focus({ preventScroll: true });
     stage.looked = true;
     const p = where(event);
@@ -106,7 +106,12 @@ export function Pointer(stage, things, gaze, lines, moving) {
     const part = stage.tool ? null : lines.hit(p);
     const kind = part ? part.kind : stage.tool || under(p) === null ? null : "body";
     const next = kind === "camera" ? `camera ${part.index}` : kind;
-    if (next !== hot) { hot = next; redraw(); }
+    if (next !== hot) {
+      hot = next;
+      redraw();
+      if (kind && !["camera", "tag"].includes(kind)) things.foresee();
+      else page.plan(null);
+    }
     box.style.cursor = stage.tool ? "crosshair" : kind ? "pointer" : "grab";
   }
 
@@ -114,6 +119,7 @@ export function Pointer(stage, things, gaze, lines, moving) {
     if (!stage.scene) return;
     const { view, drag } = stage;
     const p = where(event);
+    if (stage.aim) { stage.aim = null; redraw(); }
     if (!drag) return hover(p);
     if (!drag.going && Math.hypot(p[0] - drag.from[0], p[1] - drag.from[1]) < CLICK) return;
     drag.going = true;
@@ -174,8 +180,12 @@ export function Pointer(stage, things, gaze, lines, moving) {
   }, { passive: false });
 
   // Makes the next clicks on the place call `tool` with the point of the pane; null ends that.
-  function wait(tool, words = "Click where the object shall stand. Escape: leave.") {
+  // With keys, the point is chosen by the arrows and Enter.
+  function wait(tool, words = "Click where the object shall stand, or aim with the arrow keys and press Enter. Escape: leave.") {
     stage.tool = tool;
+    stage.aim = tool ? stage.view.size.map((v) => v / 2) : null;
+    if (tool) box.focus({ preventScroll: true });
+    redraw();
     for (const id of ["place-click", "place-measure"]) $(id).setAttribute("aria-pressed", "false");
     note(tool ? words : "");
     box.style.cursor = tool ? "crosshair" : "grab";
@@ -192,5 +202,18 @@ export function Pointer(stage, things, gaze, lines, moving) {
     return $("place-click").setAttribute("aria-pressed", "true");
   }
 
-  return { wait, placeByClick, select, hot: () => hot };
+  // Moves the point that keys have chosen, or clicks it; false for other keys.
+  function aim(event) {
+    if (!stage.tool) return false;
+    const by = event.shiftKey ? 40 : 8;
+    const way = { ArrowRight: [by, 0], ArrowLeft: [-by, 0], ArrowUp: [0, -by], ArrowDown: [0, by] }[event.key];
+    if (!way && !["Enter", " "].includes(event.key)) return false;
+    stage.aim ??= stage.view.size.map((v) => v / 2);
+    if (way) stage.aim = stage.aim.map((v, k) => Math.min(stage.view.size[k] - 1, Math.max(0, v + way[k])));
+    else stage.tool(stage.aim);
+    redraw();
+    return true;
+  }
+
+  return { wait, placeByClick, select, aim, hot: () => hot };
 }

@@ -28,6 +28,10 @@ export function Stage({ page, solid, redraw, arrived, settled }) {
     tool: null,
     // True when the first view has been chosen, or the user has moved it.
     looked: false,
+    // The name of a pose that was added, until its object is there.
+    wanted: null,
+    // The point of the pane that keys have chosen while a tool waits for a click.
+    aim: null,
     // The camera that was set, until its new value is there.
     follow: null,
     load,
@@ -104,6 +108,8 @@ export function Stage({ page, solid, redraw, arrived, settled }) {
     // The same object stays selected, also if others came or went.
     const again = next.objects.findIndex((one) => one.node === chosen);
     stage.selected = Math.max(0, again < 0 ? Math.min(stage.selected, next.objects.length - 1) : again);
+    const fresh = next.objects.findIndex((one) => one.pose && one.pose === stage.wanted);
+    if (fresh >= 0) [stage.selected, stage.wanted] = [fresh, null];
     menus();
     arrived();
     if (!before) await splats();

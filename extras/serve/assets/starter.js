@@ -1,25 +1,53 @@
 // The panel that puts an object into a bare capture.
-import { $, el, show } from "./dom.js";
+import { $, el, number, show } from "./dom.js";
+import { scaleText } from "./fields.js";
 import { add, dot, mul, sub } from "./space.js";
 
 export function Starter(stage, things, pointer) {
   const { page, note } = stage;
   let shown = "";
+  // The object that was chosen in the list.
+  let wanted = "";
 
   function draw() {
-    const { start } = stage.scene;
-    const signature = JSON.stringify(start);
+    const { start, metres_per_unit: scale } = stage.scene;
+    const signature = JSON.stringify([start, scale]);
     if (signature === shown) return;
     shown = signature;
     $("start").hidden = !start;
     if (!start) return;
-    const { proposals, objects } = start;
-    const list = el("select", { id: "start-object", "aria-label": "Object" }, objects.map((name) => el("option", { value: name }, name)));
+    const { proposals, objects, up, axes } = start;
+    const list = el("select", { id: "start-object", "aria-label": "Object" }, objects.map((name) => el("option", { value: name, selected: name === wanted }, name)));
+    list.addEventListener("change", () => { wanted = list.value; });
+    const option = (axis) => el("option", { value: axis, selected: axis === up }, axis);
+    const turn = el("select", { id: "start-up", onchange: () => turned(turn.value) },
+      !up && el("option", { value: "", selected: true }, "as measured"), axes.map(option));
+    const metres = el("input", { id: "start-scale", type: "text", inputmode: "decimal", value: number(scale), spellcheck: "false", onchange: () => scaled(metres.value) });
+    const focus = document.activeElement?.closest?.("#start")?.querySelector(":focus")?.id;
     show($("start"), el("h3", {}, "Put an object into the place"),
       objects.length ? el("p", {}, list, " ", el("button", { id: "start-click", type: "button", onclick: stand }, "Click the floor"))
         : el("p", {}, "There is no .glb or .gltf file in the folder of the graph or of the capture. Copy one there, and open this page again."),
       el("p", { class: "dim" }, "The camera of the picture will be where you look from."),
+      el("p", {}, el("label", { title: "If the place is tilted or upside down, choose another axis of the file" }, "Up ", turn), " ",
+        el("label", { title: "Metres per unit of the file. Measure something whose length you know, or type the number" }, "Scale ", metres, " m per unit")),
       el("dl", {}, proposals.map(({ what, value }) => [el("dt", {}, what), el("dd", {}, value)]).flat()));
+    if (focus) $(focus)?.focus();
+  }
+
+  // Writes a graph in which another axis of the capture points up. The camera is then another one.
+  async function turned(axis) {
+    note("Turning the place ..");
+    const good = await page.turn(axis);
+    note("");
+    if (good === null) shown = "";
+    else stage.looked = false;
+    stage.load();
+  }
+
+  async function scaled(text) {
+    const value = Number(text.replace(",", "."));
+    if (!(value > 0) || !Number.isFinite(value)) return note("The scale must be a number of metres above 0.");
+    return page.set({ node: "scene", field: "metres_per_unit", at: [], value: scaleText(value) });
   }
 
   // Waits for a click on the floor, and writes a graph with the object there and the camera as the view is.

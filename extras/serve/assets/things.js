@@ -153,8 +153,8 @@ export function Things(stage) {
     clearTimeout(stepping?.timer);
     stepping ??= { start: grab(stage.object()) };
     const { start } = stepping;
-    const { radians = 0, way = [0, 0, 0] } = start.change;
-    preview(start, { radians: radians + (change.radians ?? 0), way: add(way, change.way ?? [0, 0, 0]) });
+    const { radians = 0, k = 1, way = [0, 0, 0] } = start.change;
+    preview(start, { radians: radians + (change.radians ?? 0), k: k * (change.k ?? 1), way: add(way, change.way ?? [0, 0, 0]) });
     stepping.timer = setTimeout(() => { const ended = stepping; stepping = null; commit(ended.start); }, 450);
     return null;
   }
@@ -168,6 +168,12 @@ export function Things(stage) {
     return true;
   }
 
+  // Shows what a move of the selected object would run, before it is made.
+  function foresee() {
+    const one = stage.object();
+    if (one && !fixed(one)) page.plan(editOf(grab(one), { way: mul(stage.scene.right, 0.01 * stage.metre()) }));
+  }
+
   // The line that says where the selected object stands.
   function position() {
     const one = stage.object();
@@ -179,5 +185,5 @@ export function Things(stage) {
     $("place-position").textContent = `${one.node} at (${at})${yaw}${stage.spot ? ` · ground at (${short(stage.spot)})` : ""}`;
   }
 
-  return { ground, corners, foot, fixed, grab, preview, commit, cancel, onto, drop, settle, step, unstep, position };
+  return { ground, corners, foot, fixed, grab, preview, commit, cancel, onto, drop, settle, step, unstep, position, foresee };
 }

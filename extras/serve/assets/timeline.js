@@ -71,7 +71,7 @@ export function timeline(param, text, { id, ids }, edit, row) {
   const written = (values) => (values.length > 1 ? `(${values.join(", ")})` : values[0]);
   const short = (v) => { const t = String(Number(v.toPrecision(6))); return /[.e]/.test(t) ? t : `${t}.0`; };
   const whole = (value, at) => keyed(track, place, written(now.map((v, k) => (k === (at[0] ?? 0) ? value : short(v)))));
-  const own = { revert: edit.revert, set: (value, at) => edit.set(whole(value, at), []), attempt: (value, at) => edit.attempt(whole(value, at), []), plan: (value, at) => edit.plan(whole(value, at), []) };
+  const own = { revert: edit.revert, set: (value, at) => edit.set(whole(value, at), []), attempt: (value, at) => edit.attempt(whole(value, at), []), plan: (value, at) => edit.plan(whole(value, at), []), unplan: edit.unplan };
   const index = keyAt(track, Number(place));
   return [drawing,
     el("div", { class: "row" }, el("span", { class: "dim" }, `${track.axis} = ${place}${index < 0 ? ", between keys" : ", a key"}`), el("span", { class: "space" }),

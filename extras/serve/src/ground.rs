@@ -2,14 +2,18 @@
 
 use engine::Context;
 use glam::DVec3;
-use render::pick::{on_mesh, on_splats};
+use render::pick::{Picked, on_mesh, on_splats};
 use scene::math::equirect::axes;
+use scene::math::num;
 use scene::types::Camera;
 use serde::Deserialize;
 use serde_json::{Value, json};
 
 use crate::live::Live;
 use crate::thing::Thing;
+
+/// Factor of the width of the area over which the normal of splats is taken a second time.
+const WIDER: f64 = 6.0;
 
 /// A ray, and the value that it may hit.
 #[derive(Debug, Deserialize)]
@@ -37,15 +41,26 @@ pub fn ground(live: &Live, ray: &Ray) -> Result<Value, String> {
     let scene = scene.ok_or("the graph has mistakes")?;
     let up = axes(scene.up)[2];
     let right = forward.any_orthonormal_vector();
-    let camera = Camera::centred("view", [1, 1], ray.focal_px, [right, forward.cross(right), forward], eye);
+    let camera =
+        |focal_px| Camera::centred("view", [1, 1], focal_px, [right, forward.cross(right), forward], eye);
+    let steep = |normal: DVec3| num::atan2(normal.cross(up).length(), normal.dot(up)).to_degrees();
     let thing = live.thing(&ray.digest).ok_or("this value is not in the cache any more")?;
     let picked = match &*thing {
-        Thing::Mesh(mesh) => on_mesh(mesh, &camera, [0.5, 0.5]),
-        Thing::Splats(splats) => on_splats(splats, &camera, [0.5, 0.5], &Context::detached(scene, "")),
+        Thing::Mesh(mesh) => on_mesh(mesh, &camera(ray.focal_px), [0.5, 0.5]),
+        Thing::Splats(splats) => {
+            let at =
+                |focal_px| on_splats(splats, &camera(focal_px), [0.5, 0.5], &Context::detached(scene, ""));
+            // Grass and gravel are steep from pixel to pixel, and level over a larger area.
+            at(ray.focal_px).map(|one| {
+                let wide = at(ray.focal_px / WIDER).map_or(one.normal, |wide| wide.normal);
+                let normal = if steep(wide) < steep(one.normal) { wide } else { one.normal };
+                Picked { normal, ..one }
+            })
+        }
         _ => return Err("this value has no surface".to_owned()),
     };
     let picked = picked.map_err(|_| "there is no surface along this ray".to_owned())?;
-    let steep = scene::math::num::atan2(picked.normal.cross(up).length(), picked.normal.dot(up)).to_degrees();
+    let steep = steep(picked.normal);
     Ok(
         json!({"position": picked.position.to_array(), "normal": picked.normal.to_array(), "steep_deg": steep}),
     )

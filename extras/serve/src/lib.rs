@@ -19,6 +19,7 @@
 //! | `GET /difference/DIGEST/N/DIGEST/N` | the measures of the kind `compare` for two pictures |
 //! | `GET /difference/../flip.f32` | FLIP of each pixel, little-endian, row by row |
 //! | `GET /references` | picture files near the graph, each with a handle that stands for a digest above |
+//! | `GET /graphs` | other graphs near the graph, each with the digests of its pictures that are in the cache |
 //! | `GET /trade` | knobs, presets with forecasts, and skipped work |
 //! | `POST /preset` `{digest, preset, write}` | tries or writes the values of a preset |
 //! | `GET /place` | the place: axes, captures, meshes, objects with their poses, cameras, probes |
@@ -28,6 +29,9 @@
 //! | `POST /try`, same body or `null` | uses a value for the next runs without writing it, or ends that |
 //! | `POST /plan`, same body | the nodes that would run, and the forecast of their time |
 //! | `POST /start` `{digest, object, stand}` | puts an object into a captured place: replaces the text with a whole graph |
+//! | `POST /up` `{digest, up}` | rotates a captured place, so that an axis of the capture points up |
+//! | `GET /objects` | files of objects near the graph |
+//! | `POST /add` `{digest, object, place}` | adds an object to the graph: its nodes, and a wire into each `PathTrace` |
 //! | `POST /undo`, `/redo` `{digest}` | undoes the last change of the text, or redoes the change that was undone last |
 //!
 //! # Security
@@ -38,15 +42,18 @@
 //! request contains a path. The page inserts text from graphs as text only, and its content security policy forbids
 //! inline scripts.
 
+mod addition;
 mod assets;
 mod difference;
 mod door;
 mod editor;
 mod error;
 mod events;
+mod graphs;
 mod ground;
 mod history;
 mod live;
+mod near;
 mod packed;
 mod page;
 mod place;
@@ -64,4 +71,4 @@ mod view;
 
 pub use error::Error;
 pub use page::{Options, Page};
-pub use starter::{Proposal, Stand, Starter};
+pub use starter::{AXES, Bare, Proposal, Stand, Starter};

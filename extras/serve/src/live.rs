@@ -12,10 +12,11 @@ use tokio::sync::broadcast;
 
 use crate::difference::Difference;
 use crate::door::Door;
-use crate::editor::{Edit, Edited, Editor, OTHER, Refused, SharedGraph, digest_of};
+use crate::editor::{Edit, Edited, Editor, OTHER, Refused, SharedGraph, digest_of, fixed};
+use crate::graphs::Graphs;
 use crate::history::{Shot, now};
 use crate::references::References;
-use crate::starter::{Stand, Starter};
+use crate::starter::{AXES, Stand, Starter};
 use crate::state::State;
 use crate::thing::Thing;
 use crate::values::{Decoded, Shown};
@@ -32,6 +33,16 @@ pub struct Start {
     /// Name of the object, as [`Starter::objects`] gives it.
     object: String,
     stand: Stand,
+}
+
+/// A request to rotate a captured place.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Upright {
+    /// Digest of the text that the client has seen.
+    digest: String,
+    /// The axis of the capture that shall point up, one of [`AXES`].
+    up: String,
 }
 
 /// A message to the pages.
@@ -55,6 +66,8 @@ pub struct Live {
     pub differences: Decoded<Difference>,
     /// Picture files that outputs can be compared with.
     pub references: References,
+    /// Other graphs whose pictures outputs can be compared with.
+    pub graphs: Graphs,
     /// Number of connected pages.
     pub clients: AtomicUsize,
     /// The writer of a first graph, for a bare capture.
@@ -94,6 +107,7 @@ impl Live {
             things: Decoded::default(),
             differences: Decoded::default(),
             references: References::default(),
+            graphs: Graphs::default(),
             clients: AtomicUsize::new(0),
             starter,
             handle,
@@ -258,17 +272,38 @@ impl Live {
 
     /// Replaces the text with a graph in which an object stands in the captured place.
     pub fn start(&self, start: &Start) -> Result<Value, Refused> {
-        let fixed = |why: String| Refused::Fixed { why };
         let graph = self.graph()?;
-        let none = || fixed("this graph was not started from a bare capture".to_owned());
-        let starter = self.starter.as_ref().ok_or_else(none)?;
+        let starter = self.starter()?;
         // Only names that were offered, so that a request cannot name a path.
         if !starter.objects().contains(&start.object) {
             return Err(fixed("this object is not among the files that were found".to_owned()));
         }
-        let text = starter.graph(&start.object, &start.stand).map_err(fixed)?;
+        let now = self.own_graph(&graph)?;
+        let text = starter.graph(&now, &start.object, &start.stand).map_err(fixed)?;
         let label = format!("{} put into the place", start.object);
         self.write(|editor| editor.replace(&graph, &start.digest, &text, &label))
+    }
+
+    /// Replaces the text with a graph in which another axis of the capture points up.
+    pub fn upright(&self, upright: &Upright) -> Result<Value, Refused> {
+        let graph = self.graph()?;
+        let starter = self.starter()?;
+        if !AXES.contains(&upright.up.as_str()) {
+            return Err(fixed(format!("`up` must be one of {}", AXES.join(", "))));
+        }
+        let now = self.own_graph(&graph)?;
+        if now.nodes.iter().any(|node| node.kind.outputs.iter().any(|port| port.artifact.name == "placed")) {
+            let why = "the graph has an object already; undo that first, or edit `up` in the text";
+            return Err(fixed(why.to_owned()));
+        }
+        let text = starter.turned(&now, &upright.up).map_err(fixed)?;
+        let label = format!("{} of the capture points up", upright.up);
+        self.write(|editor| editor.replace(&graph, &upright.digest, &text, &label))
+    }
+
+    fn starter(&self) -> Result<&dyn Starter, Refused> {
+        let none = || fixed("this graph was not started from a bare capture".to_owned());
+        self.starter.as_deref().ok_or_else(none)
     }
 
     /// Undoes the last change (`undo`), or repeats the change that was undone last.
@@ -353,6 +388,11 @@ impl Live {
         Ok(json!({"nodes": nodes, "forecast": engine::Forecast::of(&plan)}))
     }
 
+    /// Path of the graph file, without links.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
     /// Folder of the graph.
     pub fn folder(&self) -> &Path {
         self.path.parent().unwrap_or(Path::new("."))
@@ -392,6 +432,9 @@ impl Live {
         let parsed = Digest::from_hex(digest)?;
         if self.references.contains(&parsed) {
             return self.decoded.get(&parsed, || self.references.read(&parsed));
+        }
+        if let Some(other) = self.graphs.find(&parsed) {
+            return self.decoded.get(&parsed, || other.read(&self.engine));
         }
         let current = self.current(digest);
         let wire = current.as_ref().map(|(graph, wire, _)| (&**graph, *wire));

@@ -10,6 +10,7 @@ use serde_json::{Value, json};
 
 use crate::editor::SharedGraph;
 use crate::live::Live;
+use crate::starter::AXES;
 use crate::thing::{TYPES, Thing};
 
 /// Maximum number of objects, and of cameras, that are listed.
@@ -72,7 +73,10 @@ impl Survey<'_> {
         };
         match &self.live.starter {
             Some(starter) if !self.graph.nodes.iter().any(|node| is_placed(&node)) => {
-                json!({"proposals": starter.proposals(), "objects": starter.objects()})
+                let bare = starter.bare(&self.graph);
+                json!({
+                    "proposals": bare.proposals, "objects": starter.objects(), "up": bare.up, "axes": AXES,
+                })
             }
             _ => Value::Null,
         }

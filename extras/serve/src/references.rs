@@ -11,16 +11,11 @@ use scene::io::picture::of_bytes;
 use scene::types::NamedImage;
 use serde::Serialize;
 
+use crate::near;
 use crate::values::Shown;
 
 /// Endings of the names of files that are offered.
 const ENDINGS: [&str; 5] = ["exr", "hdr", "jpeg", "jpg", "png"];
-/// Maximum number of files that are offered.
-const MOST: usize = 200;
-/// Maximum number of entries of folders that are looked at.
-const MOST_ENTRIES: usize = 10_000;
-/// Maximum depth of the folders in which files are looked for.
-const DEPTH: usize = 3;
 /// Maximum length of a file that is read, in bytes.
 const MOST_BYTES: u64 = 1 << 30;
 
@@ -41,17 +36,15 @@ pub struct References(Mutex<BTreeMap<Digest, PathBuf>>);
 impl References {
     /// Lists the picture files in `folder` and in its subfolders, in the order of their names.
     pub fn list(&self, folder: &Path) -> Vec<Reference> {
-        let (mut found, mut room) = (Vec::new(), MOST_ENTRIES);
-        collect(folder, DEPTH, &mut room, &mut found);
         let mut known = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         known.clear();
         let offer = |path: PathBuf| {
             let id = handle(&path)?;
-            let name = path.strip_prefix(folder).unwrap_or(&path).to_string_lossy().replace('\\', "/");
+            let name = near::name(folder, &path);
             known.insert(id, path);
             Some(Reference { id: id.to_string(), name })
         };
-        found.into_iter().filter_map(offer).collect()
+        near::files(folder, &ENDINGS).into_iter().filter_map(offer).collect()
     }
 
     /// True if a file was offered under this handle.
@@ -78,26 +71,6 @@ fn handle(path: &Path) -> Option<Digest> {
         fs::symlink_metadata(path).ok().filter(|about| about.is_file() && about.len() <= MOST_BYTES)?;
     let changed = about.modified().ok()?.duration_since(UNIX_EPOCH).ok()?.as_nanos();
     Some(Digest::of(format!("{}\n{}\n{changed}", path.display(), about.len()).as_bytes()))
-}
-
-fn collect(folder: &Path, depth: usize, room: &mut usize, found: &mut Vec<PathBuf>) {
-    let Ok(entries) = fs::read_dir(folder) else { return };
-    let mut paths: Vec<PathBuf> = entries.flatten().take(*room).map(|entry| entry.path()).collect();
-    *room -= paths.len();
-    paths.sort();
-    for path in paths {
-        let is_hidden = path.file_name().is_none_or(|name| name.to_string_lossy().starts_with('.'));
-        if is_hidden || path.is_symlink() || found.len() >= MOST {
-            continue;
-        }
-        let is_picture =
-            path.extension().is_some_and(|end| ENDINGS.iter().any(|known| end.eq_ignore_ascii_case(known)));
-        if is_picture && path.is_file() {
-            found.push(path);
-        } else if depth > 1 && path.is_dir() {
-            collect(&path, depth - 1, room, found);
-        }
-    }
 }
 
 #[cfg(test)]

@@ -13,13 +13,14 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
+use crate::addition::Addition;
 use crate::assets;
 use crate::difference::Difference;
 use crate::door::{HEADERS, Refused as Denied};
 use crate::editor::{Edit, MAX_VALUE, Refused};
 use crate::events::events;
 use crate::ground::{Ray, ground};
-use crate::live::{Live, Start};
+use crate::live::{Live, Start, Upright};
 use crate::packed::{self, MOST_SPLATS, Surface};
 use crate::place::place;
 use crate::presets::Choice;
@@ -55,6 +56,8 @@ pub fn router(live: Arc<Live>) -> Router {
         .route("/difference/{a}/{i}/{b}/{j}", get(difference))
         .route("/difference/{a}/{i}/{b}/{j}/flip.f32", get(flip))
         .route("/references", get(references))
+        .route("/graphs", get(graphs))
+        .route("/objects", get(objects))
         .route("/trade", get(trade))
         .route("/preset", post(preset))
         .route("/place", get(place_view))
@@ -66,6 +69,8 @@ pub fn router(live: Arc<Live>) -> Router {
         .route("/try", post(try_value))
         .route("/plan", post(plan))
         .route("/start", post(start))
+        .route("/up", post(upright))
+        .route("/add", post(add))
         .route("/undo", post(|state: Shared, body: Bytes| step(state, body, true)))
         .route("/redo", post(|state: Shared, body: Bytes| step(state, body, false)))
         .fallback(file)
@@ -187,6 +192,10 @@ async fn start(State(live): Shared, body: Bytes) -> Response {
     answer(live, body, |live, start: Start| live.start(&start)).await
 }
 
+async fn upright(State(live): Shared, body: Bytes) -> Response {
+    answer(live, body, |live, upright: Upright| live.upright(&upright)).await
+}
+
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Seen {
@@ -253,6 +262,24 @@ async fn references(State(live): Shared) -> Response {
         Ok(list) => Json(list).into_response(),
         Err(_) => failed("the folder of the graph cannot be read"),
     }
+}
+
+async fn graphs(State(live): Shared) -> Response {
+    match tokio::task::spawn_blocking(move || live.graphs.list(&live)).await {
+        Ok(list) => Json(list).into_response(),
+        Err(_) => failed("the folder of the graph cannot be read"),
+    }
+}
+
+async fn objects(State(live): Shared) -> Response {
+    match tokio::task::spawn_blocking(move || live.objects()).await {
+        Ok(list) => Json(list).into_response(),
+        Err(_) => failed("the folder of the graph cannot be read"),
+    }
+}
+
+async fn add(State(live): Shared, body: Bytes) -> Response {
+    answer(live, body, |live, addition: Addition| live.add(&addition)).await
 }
 
 async fn trade(State(live): Shared) -> Response {

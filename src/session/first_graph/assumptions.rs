@@ -49,12 +49,19 @@ pub fn of_capture(standing: &Standing, metres_per_unit: f64) -> [Assumption; 3] 
         UpBy::Measured => "measured from the ground and the objects on it",
         UpBy::Format => "defined by the file format, but not confirmed by the splats",
         UpBy::Guessed => "guessed",
+        #[cfg(feature = "serve")]
+        UpBy::Chosen => "set by hand",
     };
+    #[cfg(feature = "serve")]
+    let is_measured = standing.by != UpBy::Chosen;
+    #[cfg(not(feature = "serve"))]
+    let is_measured = true;
     let turned = if standing.matrix.is_some() { " after the rotation by `matrix`" } else { "" };
     let up = Assumption {
         what: "up",
         value: format!("{}{turned}, {by}", standing.up.name()),
-        confidence: Some(standing.confidence),
+        // A value that the user has set is not in question.
+        confidence: is_measured.then_some(standing.confidence),
     };
     let axis = match standing.up {
         Up::PlusZ => ("z", 1.0),
@@ -73,6 +80,9 @@ pub fn of_capture(standing: &Standing, metres_per_unit: f64) -> [Assumption; 3] 
         confidence: Some(stand.floor_confidence.min(standing.confidence)),
     };
     let (value, confidence) = match stand.scale.metres_per_unit {
+        _ if standing.chosen_scale.is_some() => {
+            (format!("{} m per unit, set by hand", number(metres_per_unit)), None)
+        }
         Some(_) if is_known(stand) => (
             format!("{} m per unit: {}", number(metres_per_unit), stand.scale.reason),
             Some(stand.scale.confidence),

@@ -158,13 +158,21 @@ fn scene(o: &mut Lines, standing: &Standing, metres_per_unit: f64, is_fitted: bo
             "The capture is tilted: `matrix` below rotates it so that this axis points up."
         }
         UpBy::Measured => "The up axis was measured.",
+        #[cfg(feature = "serve")]
+        UpBy::Chosen if standing.matrix.is_some() => {
+            "The up axis was set by hand: `matrix` below rotates the capture so that this axis points up."
+        }
+        #[cfg(feature = "serve")]
+        UpBy::Chosen => "The up axis was set by hand.",
         UpBy::Format => "The up axis is defined by the file format.",
         UpBy::Guessed => {
             "The up axis is a GUESS: if the picture is tilted or upside down, write \"+z\", \"+y\" or \"-y\" here."
         }
     };
     o.line(&format!("    // {by}"));
-    let scale = if is_known(&standing.stand) {
+    let scale = if standing.chosen_scale.is_some() {
+        "`metres_per_unit` was set by hand.".to_owned()
+    } else if is_known(&standing.stand) {
         format!("`metres_per_unit` was measured: {}.", standing.stand.scale.reason)
     } else {
         let fitted = if is_fitted { " With this value the object fits." } else { "" };

@@ -155,13 +155,17 @@ impl Survey {
             .ok_or_else(|| NodeError::new(format!("`{}` has no triangles", files.object.display())))?;
         let file_scale = if own.size().max_element() < CENTIMETRES { 1.0 } else { 0.01 };
         let extents = Extents { low: own.low * file_scale, high: own.high * file_scale };
-        let mut metres_per_unit = metres(stand);
+        let mut metres_per_unit = standing.chosen_scale.unwrap_or_else(|| metres(stand));
         let mut arranged = arrange(&standing.splats, stand, &extents, metres_per_unit, cameras, &cx)?;
         if let Some(Wanted { place, view }) = wanted {
             let height = place.dot(axes(up)[2]) - stand.floor;
             let radius = arranged.surface.map_or(0.0, |surface| surface.radius);
             let surface = Surface { place, radius, height, clearance: 0.0, area: 0.0, score: 0.0 };
             arranged = Arrangement { place, surface: Some(surface), view: Some(view), ..arranged };
+        }
+        if standing.chosen_scale.is_some() {
+            // With a scale that the user has set, the object has its own size.
+            (arranged.scale, arranged.fitted) = (1.0, false);
         }
         if arranged.fitted && !is_known(stand) {
             // Lengths in the graph are in metres. The object keeps its size, and the scale of the place is chosen

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use engine::{Engine, Graph, Load, Refusal, Source, SourceRoot, Store, Watch, WatchOptions};
 use serde_json::Value;
-use serve::{Options, Page};
+use serve::{Options, Page, Starter};
 
 pub const GRAPH: &str = r#"// A small graph.
 Graph(
@@ -66,6 +66,15 @@ impl Lab {
 
     /// A page of the graph that is in the folder, which gets a scene of three splats.
     pub fn at(folder: Arc<tempfile::TempDir>, port: Option<u16>) -> Result<Self, serve::Error> {
+        Self::started(folder, port, None)
+    }
+
+    /// A page that was started from a bare capture.
+    pub fn started(
+        folder: Arc<tempfile::TempDir>,
+        port: Option<u16>,
+        starter: Option<Box<dyn Starter>>,
+    ) -> Result<Self, serve::Error> {
         let path = folder.path().join("graph.ron");
         std::fs::write(folder.path().join("demo.ply"), splats()).unwrap();
         let store = Store::open(&folder.path().join("cache"), cache::Options::default()).unwrap();
@@ -73,12 +82,8 @@ impl Lab {
         let options = WatchOptions { out: folder.path().join("out"), ..WatchOptions::default() };
         let watch = Watch::new(options);
         let handle = watch.handle();
-        let options = Options {
-            graph: path.clone(),
-            port,
-            folder: Some(folder.path().join("cache/pages")),
-            starter: None,
-        };
+        let options =
+            Options { graph: path.clone(), port, folder: Some(folder.path().join("cache/pages")), starter };
         let page = Arc::new(Page::start(engine.clone(), handle.clone(), options)?);
         let url = page.url();
         let (address, token) = url.strip_prefix("http://127.0.0.1:").unwrap().split_once("/#").unwrap();

@@ -4,7 +4,7 @@ use serde_json::{Value, json};
 
 use crate::lab::{GRAPH, Lab, Response, digest_of};
 
-const SCENE: &str = r#"Graph(
+pub const SCENE: &str = r#"Graph(
     version: 1,
     scene: (up: "+z", metres_per_unit: 0.5, seed: 3),
     nodes: (
@@ -26,7 +26,7 @@ const SCENE: &str = r#"Graph(
 "#;
 
 /// A page of the scene, with a tetrahedron as the object and a square as the floor.
-fn scene() -> Lab {
+pub fn scene() -> Lab {
     let folder = tempfile::tempdir().unwrap();
     let write = |name: &str, bytes: &[u8]| std::fs::write(folder.path().join(name), bytes).unwrap();
     write("graph.ron", SCENE.as_bytes());

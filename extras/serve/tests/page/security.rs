@@ -56,6 +56,8 @@ fn without_the_cookie_nothing_private_is_given() {
         "/place",
         "/trade",
         "/references",
+        "/graphs",
+        "/objects",
         "/difference/0/0/0/0",
         "/splats/0",
         value.as_str(),
@@ -79,7 +81,7 @@ fn without_the_cookie_nothing_private_is_given() {
     let good = format!(
         "Host: {host}\r\nOrigin: http://{host}\r\nX-Lightharmony: 1\r\nContent-Type: application/json\r\n"
     );
-    for path in ["/set", "/try", "/plan", "/undo", "/redo", "/ground", "/preset"] {
+    for path in ["/set", "/try", "/plan", "/undo", "/redo", "/ground", "/preset", "/start", "/up", "/add"] {
         assert_eq!(post(&lab, path, &good, &edit(GRAPH)), 401, "{path}");
     }
     assert_eq!(lab.text(), GRAPH);
@@ -156,7 +158,7 @@ fn a_preflight_is_never_granted_and_other_methods_are_refused() {
         assert_eq!(response.status, 405, "{method}");
         assert!(!response.headers.iter().any(|(name, _)| name.starts_with("access-control")), "{method}");
     }
-    for path in ["/set", "/try", "/plan", "/undo", "/redo", "/session", "/preset"] {
+    for path in ["/set", "/try", "/plan", "/undo", "/redo", "/session", "/preset", "/start", "/up", "/add"] {
         assert!(matches!(lab.get(path).status, 404 | 405), "{path} by GET");
     }
     assert_eq!(lab.text(), GRAPH);
