@@ -77,7 +77,7 @@ engine::outputs! {
 
 impl Kind for WriteImage {
     const NAME: &'static str = "write-image";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     const READS: &'static [ContextField] = &[ContextField::Recipe];
     const PREVIEW: engine::Preview =
         engine::Preview { rough: &[("effort", "Fast")], ..engine::Preview::NONE };

@@ -43,7 +43,7 @@ engine::outputs! {
 
 impl Kind for WriteLut {
     const NAME: &'static str = "write-lut";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type Params = Self;
     type In = In;
     type Out = Out;

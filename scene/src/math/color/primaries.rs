@@ -64,13 +64,18 @@ impl Primaries {
     /// the Bradford transform, so that white stays white; ICC.1:2022 and the ACES configurations of OpenColorIO
     /// use the same transform. Each row sums to 1 within rounding.
     pub fn to(&self, to: &Self) -> Matrix {
+        self.adapted_to(to, &BRADFORD)
+    }
+
+    /// Like [`to`](Self::to), with the cone responses of a given adaptation transform.
+    pub fn adapted_to(&self, to: &Self, cones: &Matrix) -> Matrix {
         if self == to {
             return IDENTITY;
         }
         let adapted = if self.white == to.white {
             self.xyz()
         } else {
-            product(&bradford(self.white, to.white), &self.xyz())
+            product(&adaptation(cones, self.white, to.white), &self.xyz())
         };
         product(&inverse(&to.xyz()), &adapted)
     }
@@ -82,12 +87,20 @@ pub const IDENTITY: Matrix = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
 /// Cone responses of the Bradford transform (ICC.1:2022, annex E).
 const BRADFORD: Matrix = [[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]];
 
-/// Matrix that adapts XYZ colours from the white `from` to the white `to`, both given as chromaticities.
+/// Cone responses of CAT02 (CIE 159:2004), which the makers of some cameras use between D65 and the white of ACES.
+pub const CAT02: Matrix = [[0.7328, 0.4296, -0.1624], [-0.7036, 1.6975, 0.0061], [0.0030, 0.0136, 0.9834]];
+
+/// Matrix of the Bradford transform, which adapts XYZ colours from the white `from` to the white `to`, both given as
+/// chromaticities.
 pub fn bradford(from: [f64; 2], to: [f64; 2]) -> Matrix {
-    let [from, to] = [from, to].map(|white| product_vector(&BRADFORD, tristimulus(white)));
-    let scaled: Matrix =
-        std::array::from_fn(|row| BRADFORD[row].map(|response| response * to[row] / from[row]));
-    product(&inverse(&BRADFORD), &scaled)
+    adaptation(&BRADFORD, from, to)
+}
+
+/// Matrix that adapts XYZ colours from the white `from` to the white `to` by scaling cone responses.
+fn adaptation(cones: &Matrix, from: [f64; 2], to: [f64; 2]) -> Matrix {
+    let [from, to] = [from, to].map(|white| product_vector(cones, tristimulus(white)));
+    let scaled: Matrix = std::array::from_fn(|row| cones[row].map(|response| response * to[row] / from[row]));
+    product(&inverse(cones), &scaled)
 }
 
 /// XYZ of luminance 1 with the given chromaticity.
