@@ -10,7 +10,7 @@ use engine::{
     Artifact, Bundle, Context, Difference, Engine, FileBytes, Files, InputFile, Kind, NodeDifference, Recipe,
     ResultDifferences, Scene, Up, graph_differences, result_differences,
 };
-use nodes::kinds::load_image::{self, FileEncoding, LoadImage};
+use nodes::kinds::load_image::{self, FileEncoding, LoadImage, Orientation};
 use scene::io::exr::{self, Channel, Planes};
 use scene::types::{Data, Image, Images, NamedImage};
 
@@ -53,7 +53,8 @@ fn pixels(path: &Path) -> Result<Arc<Images>, String> {
     let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false };
     let encoding = FileEncoding::Auto;
     let (more, layer, names) = (Vec::new(), String::new(), vec!["picture".to_owned()]);
-    let load = LoadImage { path: file, more, encoding, layer, names };
+    let orientation = Orientation::Upright;
+    let load = LoadImage { path: file, more, encoding, orientation, layer, names };
     match LoadImage::run(&load, load_image::In {}, &Context::detached(scene, "/")) {
         Ok((out, _)) => Ok(out.image),
         Err(error) => {

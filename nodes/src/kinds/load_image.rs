@@ -3,18 +3,19 @@
 use std::sync::Arc;
 
 use engine::{Context, Cost, FileHead, InputFile, Keep, Kind, NodeError, Notes, SourceFile, SourceRoot};
-use scene::io::picture::{decode, floats_of};
+use scene::io::picture::{decode_turned, floats_of};
 use scene::io::progress::Progress;
 use scene::types::view::check_name;
 use scene::types::{Images, NamedImage};
 
-pub use scene::io::picture::FileEncoding;
+pub use scene::io::picture::{FileEncoding, Orientation};
 
 engine::params! {
-    /// Loads pictures: PNG, JPEG, OpenEXR or Radiance HDR.
+    /// Loads pictures: PNG, JPEG, TIFF, OpenEXR or Radiance HDR.
     ///
-    /// Integer codes become numbers from 0 to 1. Values are not converted; `encoding` declares their meaning.
-    /// Straight alpha (PNG) is premultiplied.
+    /// Integer codes become numbers from 0 to 1. Colours in spaces other than sRGB and linear Rec.709 are converted:
+    /// those of displays to sRGB, those of scenes to linear Rec.709. `encoding` declares the space if the file does not
+    /// state it; with `Data`, numbers are kept as they are. Straight alpha (PNG, TIFF) is premultiplied.
     pub struct LoadImage {
         /// Path of the file.
         path: InputFile, other("\"b.png\"");
@@ -22,6 +23,8 @@ engine::params! {
         more: Vec<InputFile> = Vec::new(), other("[\"photo.png\"]");
         /// Encoding of the numbers in the files.
         encoding: FileEncoding = FileEncoding::Auto, other("Data");
+        /// Orientation of photographs. Cameras of COLMAP belong to photographs as they are stored.
+        orientation: Orientation = Orientation::Upright, other("Stored"), inert("the picture is stored upright");
         /// Layer of an OpenEXR file: `R0` reads the channels `R0.R`, `R0.G` and `R0.B`, and `Z` reads the channel
         /// `Z`. The default is the unnamed layer.
         layer: String = String::new(), other("\"Z\""), inert("only OpenEXR has layers");
@@ -82,8 +85,9 @@ impl Kind for LoadImage {
             progress.report(0.0)?;
             let field = if index == 0 { "path" } else { "more" };
             let bytes = cx.read(file).map_err(|e| e.at(field))?;
-            let picture = decode(p.encoding, &p.layer, &file.0, &bytes, &mut notes, progress)
-                .map_err(|e| NodeError::from(e).at(field))?;
+            let picture =
+                decode_turned(p.encoding, p.orientation, &p.layer, &file.0, &bytes, &mut notes, progress)
+                    .map_err(|e| NodeError::from(e).at(field))?;
             let stem = file.0.rsplit(['/', '\\']).next().unwrap_or_default();
             let stem = stem.rsplit_once('.').map_or(stem, |(stem, _)| stem);
             let name = p.names.get(index).map_or(stem, String::as_str).to_owned();

@@ -1,7 +1,5 @@
 //! EXIF metadata of PNG and JPEG (CIPA DC-008, a TIFF structure).
 
-use image::metadata::Orientation;
-
 /// Tag of the pointer to the directory of properties of the photograph.
 const PHOTOGRAPH: u16 = 0x8769;
 /// Tag of the pointer to the directory on interoperability.
@@ -20,13 +18,6 @@ pub(super) enum ExifColour {
     AdobeRgb,
     /// A colour space that only an ICC profile would define.
     Uncalibrated,
-}
-
-/// Text about the orientation that EXIF data state; `None` if it is upright or not stated.
-pub(super) fn other_orientation(exif: &[u8]) -> Option<String> {
-    let exif = exif.strip_prefix(b"Exif\0\0").unwrap_or(exif);
-    let turned = Orientation::from_exif_chunk(exif).is_some_and(|turn| turn != Orientation::NoTransforms);
-    turned.then(|| "an orientation other than upright (EXIF)".to_owned())
 }
 
 /// The colour space that EXIF data state. `None` for sRGB, if none is stated, or if the data are damaged.

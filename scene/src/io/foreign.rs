@@ -127,6 +127,8 @@ pub fn refuse_foreign(file: &str, bytes: &[u8]) -> Result<(), Error> {
         iso_media(brand, bytes.get(16..length.min(bytes.len())).unwrap_or_default())
     } else if ["II*\0", "MM\0*", "II+\0", "MM\0+"].iter().any(|magic| starts(magic.as_bytes())) {
         "TIFF, or a raw picture from a camera; export it as PNG (16 bits) or OpenEXR"
+    } else if starts(b"SDPX") || starts(b"XPDS") || starts(b"\x80\x2a\x5f\xd7") {
+        "DPX or Cineon; convert it with `oiiotool plate.dpx -o plate.exr`, and set `encoding` if its codes are logarithmic"
     } else if ["IIU\0", "IIRO", "IIRS", "MMOR", "FOVb", "FUJIFILMCCD-RAW"]
         .iter()
         .any(|magic| starts(magic.as_bytes()))
@@ -167,6 +169,9 @@ mod tests {
             (b"\0\0\0\x18ftypmif1\0\0\0\0mif1heic", "HEIC"),
             (b"\0\0\0\x18ftypmif1\0\0\0\0mif1avif", "AVIF"),
             (b"II+\0\x08\0\0\0", "TIFF"),
+            (b"SDPX\0\0\x08\0V1.0", "oiiotool plate.dpx"),
+            (b"XPDS\0\x08\0\0V1.0", "set `encoding`"),
+            (b"\x80\x2a\x5f\xd7\0\0\x08\0", "DPX or Cineon"),
             (b"FUJIFILMCCD-RAW 0201", "raw picture"),
             (b"\xef\xbb\xbf#?RADIANCE\n", "remove the first three bytes"),
         ] {

@@ -8,6 +8,8 @@ use exr::prelude::MetaData;
 use super::exr::choose_part;
 use super::hdr::sides;
 use super::ply;
+use super::tiff;
+use super::turn::Turn;
 
 /// Size and format of a picture from the head of its file, without validation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -21,10 +23,12 @@ pub struct Head {
     pub decoded: u64,
     /// True if the samples are floats of linear light; false if they are integer codes.
     pub floats: bool,
+    /// True if the metadata (EXIF) say that the picture is turned by 90 degrees when it is upright.
+    pub is_quarter_turned: bool,
 }
 
 impl Head {
-    /// Reads the head of a PNG, JPEG, WebP, OpenEXR or Radiance picture at the position of the reader; `None` for
+    /// Reads the head of a PNG, JPEG, TIFF, WebP, OpenEXR or Radiance picture at the position of the reader; `None` for
     /// other formats and truncated files.
     pub fn read(reader: &mut (impl BufRead + Seek)) -> Option<Self> {
         let begin = reader.stream_position().ok()?;
@@ -38,6 +42,10 @@ impl Head {
             }
             [b'#', b'?', ..] => radiance(reader),
             [b'R', b'I', b'F', b'F'] => webp(reader),
+            magic if tiff::is_tiff(&magic) => {
+                reader.seek(SeekFrom::Start(begin)).ok()?;
+                tiff_head(reader)
+            }
             [0x76, 0x2f, 0x31, 0x01] => {
                 reader.seek(SeekFrom::Start(begin)).ok()?;
                 exr(reader)
@@ -85,7 +93,7 @@ fn bytes<const N: usize>(reader: &mut impl Read) -> Option<[u8; N]> {
 
 /// Reads a PNG after the first half of its signature: the second half, the length and type of the first chunk,
 /// width, height, depth and colour type.
-fn png(reader: &mut impl Read) -> Option<Head> {
+fn png(reader: &mut (impl Read + Seek)) -> Option<Head> {
     let head: [u8; 22] = bytes(reader)?;
     let number = |at: usize| Some(u64::from(u32::from_be_bytes(*head.get(at..)?.first_chunk()?)));
     let channels = match head[21] {
@@ -96,11 +104,42 @@ fn png(reader: &mut impl Read) -> Option<Head> {
         _ => 4,
     };
     let wide = u64::from(head[20] == 16);
-    Some(Head { size: [number(12)?, number(16)?], channels, decoded: channels * (1 + wide), floats: false })
+    let (size, decoded) = ([number(12)?, number(16)?], channels * (1 + wide));
+    let is_quarter_turned = png_turn(reader).is_some_and(Turn::is_quarter);
+    Some(Head { size, channels, decoded, floats: false, is_quarter_turned })
+}
+
+/// The orientation in the chunk `eXIf`, which may lie before or after the picture. The reader is 7 bytes before the
+/// second chunk.
+fn png_turn(reader: &mut (impl Read + Seek)) -> Option<Turn> {
+    reader.seek(SeekFrom::Current(7)).ok()?;
+    loop {
+        let length = u32::from_be_bytes(bytes(reader)?);
+        match &bytes::<4>(reader)? {
+            b"eXIf" if length <= 1 << 16 => {
+                let mut exif = vec![0; length as usize];
+                reader.read_exact(&mut exif).ok()?;
+                return Some(Turn::of_exif(&exif));
+            }
+            b"IEND" => return None,
+            // The data and its check sum.
+            _ => reader.seek(SeekFrom::Current(i64::from(length) + 4)).ok()?,
+        };
+    }
+}
+
+/// Reads the first directory of a TIFF.
+fn tiff_head(reader: &mut (impl BufRead + Seek)) -> Option<Head> {
+    let tiff::Shape { size, channels, bits, turn } = tiff::shape(reader)?;
+    // The decoded samples and a strip of them; grey becomes three channels.
+    let decoded = channels * bits.div_ceil(8) * 2;
+    let channels = channels.max(3);
+    Some(Head { size, channels, decoded, floats: true, is_quarter_turned: turn.is_quarter() })
 }
 
 /// Reads segments up to the frame header, which has the size.
 fn jpeg(reader: &mut (impl Read + Seek)) -> Option<Head> {
+    let mut is_quarter_turned = false;
     loop {
         let [0xff, marker] = bytes::<2>(reader)? else { return None };
         if marker == 0xff {
@@ -114,7 +153,15 @@ fn jpeg(reader: &mut (impl Read + Seek)) -> Option<Head> {
             let size = |high, low| u64::from(u16::from_be_bytes([high, low]));
             // A progressive decoder keeps the coefficients of all blocks, two bytes each.
             let decoded = if marker == 0xc2 { 9 } else { 3 };
-            return Some(Head { size: [size(w0, w1), size(h0, h1)], channels: 3, decoded, floats: false });
+            let size = [size(w0, w1), size(h0, h1)];
+            return Some(Head { size, channels: 3, decoded, floats: false, is_quarter_turned });
+        }
+        // The segment of EXIF data; other programs use the same marker for XMP.
+        if marker == 0xe1 {
+            let mut data = vec![0; usize::try_from(length - 2).ok()?];
+            reader.read_exact(&mut data).ok()?;
+            is_quarter_turned |= data.starts_with(b"Exif\0\0") && Turn::of_exif(&data).is_quarter();
+            continue;
         }
         reader.seek(SeekFrom::Current(length - 2)).ok()?;
     }
@@ -132,7 +179,7 @@ fn radiance(reader: &mut impl BufRead) -> Option<Head> {
             let [width, height] =
                 if rows.across { [rows.count, columns.count] } else { [columns.count, rows.count] };
             let size = [u64::from(width), u64::from(height)];
-            return Some(Head { size, channels: 3, decoded: 0, floats: true });
+            return Some(Head { size, channels: 3, decoded: 0, floats: true, is_quarter_turned: false });
         }
         last = line.trim_end().is_empty();
     }
@@ -141,7 +188,8 @@ fn radiance(reader: &mut impl BufRead) -> Option<Head> {
 fn webp(reader: &mut (impl BufRead + Seek)) -> Option<Head> {
     reader.seek(SeekFrom::Current(-4)).ok()?;
     let (width, height) = image_webp::WebPDecoder::new(reader).ok()?.dimensions();
-    Some(Head { size: [u64::from(width), u64::from(height)], channels: 4, decoded: 4, floats: false })
+    let size = [u64::from(width), u64::from(height)];
+    Some(Head { size, channels: 4, decoded: 4, floats: false, is_quarter_turned: false })
 }
 
 /// Reads the head of the part that is used when no layer is named. Since another part may be named, `decoded` is
@@ -158,7 +206,7 @@ fn exr(reader: &mut (impl BufRead + Seek)) -> Option<Head> {
     let more = |other: &Header| floats(other).saturating_sub(floats(header)).div_ceil(area(header).max(1));
     let flat = meta.headers.iter().filter(|header| !header.deep);
     let decoded = flat.map(more).max().unwrap_or(0);
-    Some(Head { size: [width, height], channels, decoded, floats: true })
+    Some(Head { size: [width, height], channels, decoded, floats: true, is_quarter_turned: false })
 }
 
 /// Reads the header of a PLY file. Returns `None` if it is longer than 64 KiB or invalid.

@@ -5,11 +5,12 @@ use zune_jpeg::zune_core::colorspace::ColorSpace;
 use zune_jpeg::zune_core::options::DecoderOptions;
 
 use super::believable::believable;
-use super::exif::{self, ExifColour, other_orientation};
+use super::exif::{self, ExifColour};
 use super::icc;
 use super::png::Raster;
 use super::progress::{Progress, TrackedReader, TrackedWriter};
 use super::source_colour::SourceColour;
+use super::turn::Turn;
 use crate::error::Error;
 
 /// Reads a JPEG as RGB codes. The channels of grey pictures are equal.
@@ -19,6 +20,13 @@ pub fn read(file: &str, bytes: &[u8]) -> Result<Raster, Error> {
 
 /// Like [`read`], with progress and cancellation.
 pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Raster, Error> {
+    let (mut raster, turn) = read_stored(file, bytes, progress)?;
+    raster.ignored.extend(turn.ignored());
+    Ok(raster)
+}
+
+/// Reads a picture as it is stored, and the turn that makes it upright.
+pub(super) fn read_stored(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<(Raster, Turn), Error> {
     let bad = |e: zune_jpeg::errors::DecodeErrors| Error::format(file, format!("not a complete JPEG: {e}"));
     // Without SIMD: the SIMD paths round differently on different machines.
     let options = DecoderOptions::default()
@@ -58,17 +66,16 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Rast
         },
         (None, None) => icc::Meaning::default(),
     };
-    let mut ignored = Vec::from_iter(meaning.ignored);
-    ignored.extend(decoder.exif().and_then(|exif| other_orientation(exif)));
-    Ok(Raster {
+    let raster = Raster {
         width,
         height,
         channels: 3,
         largest: 255,
         codes,
-        ignored,
+        ignored: Vec::from_iter(meaning.ignored),
         colour: meaning.profile.map(|profile| SourceColour::Icc(Box::new(profile))),
-    })
+    };
+    Ok((raster, decoder.exif().map_or(Turn::UPRIGHT, |exif| Turn::of_exif(exif))))
 }
 
 /// Writes 8-bit RGB or grey codes as a JPEG with a quality from 1 to 100 and an optional comment.

@@ -29,4 +29,6 @@ pub mod recipe;
 pub mod source_colour;
 pub mod splats;
 pub mod surface;
+pub mod tiff;
+mod turn;
 pub mod webp;

@@ -1,4 +1,4 @@
-//! Decodes pictures of any format: PNG, JPEG, OpenEXR or Radiance HDR, detected by their first bytes.
+//! Decodes pictures of any format: PNG, JPEG, TIFF, OpenEXR or Radiance HDR, detected by their first bytes.
 
 use std::fs::File;
 use std::io::BufReader;
@@ -11,7 +11,9 @@ use super::head::Head;
 use super::png::Raster;
 use super::progress::Progress;
 use super::source_colour::SourceColour;
-use super::{exr, hdr, jpeg, png};
+use super::tiff::{Tiff, is_tiff};
+use super::turn::Turn;
+use super::{exr, hdr, jpeg, png, tiff};
 use crate::error::Error;
 use crate::math::color::space::Space;
 use crate::types::{Data, Image, Linear, Picture, Srgb};
@@ -20,7 +22,8 @@ engine::choices! {
     /// Meaning of the sample values in a picture file.
     pub enum FileEncoding {
         /// Follows the file: its colour profile (ICC), code points (cICP) or chromaticities. Files that say nothing
-        /// are sRGB if they are PNG or JPEG, and linear Rec.709 if they are OpenEXR or Radiance.
+        /// are sRGB if they are PNG, JPEG or TIFF of integers, and linear Rec.709 if they are OpenEXR, Radiance or TIFF of
+        /// floats.
         Auto,
         /// sRGB.
         Srgb,
@@ -56,6 +59,16 @@ engine::choices! {
         VLog,
         /// DaVinci Intermediate with DaVinci Wide Gamut.
         DaVinci,
+    }
+}
+
+engine::choices! {
+    /// Orientation of a picture whose metadata (EXIF) say that the camera was turned.
+    pub enum Orientation {
+        /// Turns the picture as its metadata say, so that it is upright.
+        Upright,
+        /// Keeps the rows and columns of the file.
+        Stored,
     }
 }
 
@@ -96,7 +109,16 @@ pub fn floats_of(file: &FileHead<'_>) -> [u64; 2] {
     [reading.saturating_add(file.bytes), floats]
 }
 
-/// Width and height of the picture in a file, from its header; `None` for files that are not pictures.
+/// Width and height of the picture in a file when it is upright, from its header; `None` for files that are not
+/// pictures.
+pub fn upright_size(path: &Path) -> Option<[u64; 2]> {
+    let head = Head::read(&mut BufReader::new(File::open(path).ok()?))?;
+    let [width, height] = head.size;
+    Some(if head.is_quarter_turned { [height, width] } else { [width, height] })
+}
+
+/// Width and height of the picture in a file as it is stored, from its header; `None` for files that are not
+/// pictures.
 pub fn size(path: &Path) -> Option<[u64; 2]> {
     Head::read(&mut BufReader::new(File::open(path).ok()?)).map(|head| head.size)
 }
@@ -109,7 +131,11 @@ pub fn of_bytes(name: &str, bytes: &[u8]) -> Result<Picture, Error> {
     decode(FileEncoding::Auto, "", name, bytes, &mut Notes::none(), Progress::UNTRACKED)
 }
 
-/// Decodes a picture with the given encoding. From an OpenEXR file, the given layer is read.
+/// Decodes a picture as it is stored, with the given encoding. From an OpenEXR file, the given layer is read. A
+/// picture that is not stored upright is reported.
+///
+/// # Errors
+/// If the bytes are not a complete picture of a format that is read, or have no such layer.
 pub fn decode(
     encoding: FileEncoding,
     of_layer: &str,
@@ -118,11 +144,42 @@ pub fn decode(
     notes: &mut Notes,
     progress: Progress<'_>,
 ) -> Result<Picture, Error> {
+    decode_turned(encoding, Orientation::Stored, of_layer, name, bytes, notes, progress)
+}
+
+/// Like [`decode`], with a choice of the orientation.
+pub fn decode_turned(
+    encoding: FileEncoding,
+    orientation: Orientation,
+    of_layer: &str,
+    name: &str,
+    bytes: &[u8],
+    notes: &mut Notes,
+    progress: Progress<'_>,
+) -> Result<Picture, Error> {
     let mut decoded = match bytes {
         [0x89, b'P', b'N', b'G', ..] => {
-            of_raster(png::read_for(name, bytes, progress)?, encoding, notes, progress)?
+            let raster = oriented(png::read_stored(name, bytes, progress)?, orientation, notes, progress)?;
+            of_raster(raster, encoding, notes, progress)?
         }
-        [0xff, 0xd8, ..] => of_raster(jpeg::read_for(name, bytes, progress)?, encoding, notes, progress)?,
+        [0xff, 0xd8, ..] => {
+            let raster = oriented(jpeg::read_stored(name, bytes, progress)?, orientation, notes, progress)?;
+            of_raster(raster, encoding, notes, progress)?
+        }
+        _ if is_tiff(bytes) => {
+            let mut picture = tiff::read_for(name, bytes, progress)?;
+            if orientation == Orientation::Stored {
+                picture.ignored.extend(picture.turn.ignored());
+            } else {
+                report_turn(picture.turn, notes);
+                let size = [picture.width, picture.height];
+                let samples = std::mem::take(&mut picture.samples);
+                let (size, samples) = picture.turn.upright(size, picture.channels, samples, progress)?;
+                [picture.width, picture.height] = size;
+                picture.samples = samples;
+            }
+            of_tiff(picture, encoding, notes, progress)?
+        }
         [b'#', b'?', ..] => {
             let picture = hdr::read_for(name, bytes, progress)?;
             for line in &picture.ignored {
@@ -152,7 +209,9 @@ pub fn decode(
                 Some(format) => {
                     Error::unsupported(name, format!("a {format} picture; save it as PNG or JPEG"))
                 }
-                None => Error::format(name, "the file is not a PNG, JPEG, OpenEXR or Radiance HDR picture"),
+                None => {
+                    Error::format(name, "the file is not a PNG, JPEG, TIFF, OpenEXR or Radiance HDR picture")
+                }
             });
         }
     };
@@ -185,6 +244,75 @@ struct Decoded {
     linear: bool,
 }
 
+/// A picture turned upright, or as stored with a description of what is ignored.
+fn oriented(
+    (mut raster, turn): (Raster, Turn),
+    orientation: Orientation,
+    notes: &mut Notes,
+    progress: Progress<'_>,
+) -> Result<Raster, Error> {
+    if orientation == Orientation::Stored {
+        raster.ignored.extend(turn.ignored());
+        return Ok(raster);
+    }
+    report_turn(turn, notes);
+    let codes = std::mem::take(&mut raster.codes);
+    let (size, codes) = turn.upright([raster.width, raster.height], raster.channels, codes, progress)?;
+    [raster.width, raster.height] = size;
+    raster.codes = codes;
+    Ok(raster)
+}
+
+fn report_turn(turn: Turn, notes: &mut Notes) {
+    if turn != Turn::UPRIGHT {
+        notes.decision("turned-upright", "the picture was turned upright, as its metadata (EXIF) say");
+    }
+}
+
+/// Colours of a TIFF, premultiplied, or its samples as data.
+fn of_tiff(
+    picture: Tiff,
+    encoding: FileEncoding,
+    notes: &mut Notes,
+    progress: Progress<'_>,
+) -> Result<Decoded, Error> {
+    report_ignored(&picture.ignored, notes);
+    let Tiff { width, height, channels, samples, floats, premultiplied, .. } = picture;
+    let alpha = channels.is_multiple_of(2);
+    let stays = encoding == FileEncoding::Data || channels == 3 || (channels == 4 && premultiplied);
+    let (channels, samples) = if stays {
+        (channels, samples)
+    } else {
+        let mut colours = Vec::with_capacity(width * height * if alpha { 4 } else { 3 });
+        progress.over(&samples, |piece| {
+            for pixel in piece.chunks_exact(channels) {
+                let (rgb, a) = match *pixel {
+                    [y] => ([y; 3], 1.0),
+                    [y, a] => ([y; 3], a),
+                    [r, g, b, ref rest @ ..] => ([r, g, b], rest.first().copied().unwrap_or(1.0)),
+                    [] => ([0.0; 3], 1.0),
+                };
+                let by = if premultiplied { 1.0 } else { a };
+                colours.extend(rgb.map(|v| v * by));
+                if alpha {
+                    colours.push(a);
+                }
+            }
+        })?;
+        (if alpha { 4 } else { 3 }, colours)
+    };
+    let colour = picture.colour.filter(|_| encoding == FileEncoding::Auto);
+    report_profile(colour.as_ref(), notes);
+    Ok(Decoded { size: (width, height, channels), samples, colour, linear: floats && !picture.is_srgb })
+}
+
+/// Warns about content of a file that is not used.
+fn report_ignored(ignored: &[String], notes: &mut Notes) {
+    for ignored in ignored {
+        notes.warning("profile-ignored", format!("the file has {ignored}; this is ignored"));
+    }
+}
+
 /// Converts integer codes to floats. Colours become RGB or RGBA; data keeps its number of channels.
 fn of_raster(
     raster: Raster,
@@ -192,15 +320,19 @@ fn of_raster(
     notes: &mut Notes,
     progress: Progress<'_>,
 ) -> Result<Decoded, Error> {
-    for ignored in &raster.ignored {
-        notes.warning("profile-ignored", format!("the file has {ignored}; this is ignored"));
-    }
+    report_ignored(&raster.ignored, notes);
     let (channels, samples) = match encoding {
         FileEncoding::Data => (raster.channels, raster.samples()),
         _ => raster.colours(progress)?,
     };
     let colour = raster.colour.filter(|_| encoding == FileEncoding::Auto);
-    if let Some(colour) = &colour {
+    report_profile(colour.as_ref(), notes);
+    Ok(Decoded { size: (raster.width, raster.height, channels), samples, colour, linear: false })
+}
+
+/// Adds a note about the colours that a file states.
+fn report_profile(colour: Option<&SourceColour>, notes: &mut Notes) {
+    if let Some(colour) = colour {
         let what = match colour {
             SourceColour::Icc(profile) if profile.name.is_empty() => "an ICC profile".to_owned(),
             SourceColour::Icc(profile) => format!("the ICC profile `{}`", profile.name),
@@ -216,7 +348,6 @@ fn of_raster(
         };
         notes.decision(id, format!("the file has {what}, so its colours were converted to {as_what}"));
     }
-    Ok(Decoded { size: (raster.width, raster.height, channels), samples, colour, linear: false })
 }
 
 /// The conversion from chromaticities that a file states, if they differ from those of Rec.709.
@@ -289,6 +420,7 @@ fn layer(name: &str, file: &exr::Opened<'_>) -> Result<Vec<String>, Error> {
         .or_else(|| all(&["r", "g", "b"]))
         .or_else(|| all(&["X", "Y", "Z"]))
         .or_else(|| if chroma { None } else { all(&["Y", "A"]) })
+        .or_else(|| if layer.is_empty() { None } else { all(&["Z"]) })
         .or_else(single);
     found.ok_or_else(|| no_layer(name, file, &names, chroma))
 }
@@ -405,6 +537,62 @@ mod tests {
         assert_eq!(load(&grey, FileEncoding::Data, "").0.size(), (2, 1, 1));
     }
 
+    /// A JPEG of 2 x 1 pixels, left red and right blue, that is to be turned by 90 degrees clockwise. This test fails
+    /// if `upright_size` or the decoder ignores the metadata, or if `decode` does not.
+    #[test]
+    fn a_photograph_is_turned_upright_where_asked() {
+        let codes = [[[250, 0, 0]; 8], [[0, 0, 250]; 8]].concat().concat().repeat(8);
+        let raster = Raster {
+            width: 16,
+            height: 8,
+            channels: 3,
+            largest: 255,
+            codes,
+            ignored: Vec::new(),
+            colour: None,
+        };
+        let mut bytes = jpeg::write(&raster, 100, None).unwrap_or_else(|e| panic!("{e}"));
+        let exif = b"Exif\0\0II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0\x06\0\0\0\0\0\0\0";
+        let length = (exif.len() as u16 + 2).to_be_bytes();
+        bytes.splice(2..2, [&[0xff, 0xe1][..], &length, exif].concat());
+        let file = tempfile::NamedTempFile::new().expect("a file");
+        std::fs::write(file.path(), &bytes).expect("it is written");
+        assert_eq!((size(file.path()), upright_size(file.path())), (Some([16, 8]), Some([8, 16])));
+        let (stored, notes) = load(&bytes, FileEncoding::Auto, "");
+        assert_eq!(stored.size(), (16, 8, 3));
+        assert!(notes.iter().any(|note| note.text.contains("other than upright (EXIF)")));
+        let mut notes = Notes::none();
+        let (encoding, upright) = (FileEncoding::Auto, Orientation::Upright);
+        let turned = decode_turned(encoding, upright, "", "a", &bytes, &mut notes, Progress::UNTRACKED)
+            .unwrap_or_else(|e| panic!("{e}"));
+        assert_eq!(notes.iter().map(|note| note.id.as_str()).collect::<Vec<_>>(), ["turned-upright"]);
+        assert_eq!(turned.size(), (8, 16, 3));
+        // The left side of the file is at the top.
+        let (top, bottom) = (turned.samples().first_chunk::<3>(), turned.samples().last_chunk::<3>());
+        let (Some([red, _, _]), Some([_, _, blue])) = (top, bottom) else { panic!("has pixels") };
+        assert!(*red > 0.9 && *blue > 0.9, "{red}, {blue}");
+    }
+
+    /// TIFF of codes is sRGB with straight alpha unless it says otherwise; TIFF of floats is light.
+    #[test]
+    fn tiffs_are_premultiplied_colour_or_data() {
+        use ::tiff::encoder::{TiffEncoder, colortype};
+        let mut codes = std::io::Cursor::new(Vec::new());
+        let mut encoder = TiffEncoder::new(&mut codes).expect("a header");
+        encoder.write_image::<colortype::RGBA8>(1, 1, &[255, 51, 0, 51]).expect("a picture");
+        let codes = codes.into_inner();
+        let (picture, notes) = load(&codes, FileEncoding::Auto, "");
+        assert_eq!((picture.encoding(), picture.samples()), ("srgb", &[0.2, 0.2 * 0.2, 0.0, 0.2][..]));
+        assert_eq!(notes, Notes::none());
+        assert_eq!(load(&codes, FileEncoding::Data, "").0.samples(), [1.0, 0.2, 0.0, 0.2]);
+        let mut grey = std::io::Cursor::new(Vec::new());
+        let mut encoder = TiffEncoder::new(&mut grey).expect("a header");
+        encoder.write_image::<colortype::Gray32Float>(2, 1, &[0.5, 7.0]).expect("a picture");
+        let (picture, _) = load(&grey.into_inner(), FileEncoding::Auto, "");
+        assert_eq!((picture.encoding(), picture.size()), ("linear", (2, 1, 3)));
+        assert_eq!(picture.samples()[3..], [7.0; 3]);
+    }
+
     // Used to be decoded as display colours, with 0.5 becoming 0.21.
     #[test]
     fn a_picture_with_a_linear_profile_is_linear_light() {
@@ -434,6 +622,7 @@ mod tests {
             plane("R0.B", 6.0),
             plane("R0.A", 1.0),
             plane("Z", f32::INFINITY),
+            plane("depth.Z", 3.0),
             plane("N.X", 0.0),
             plane("N.Y", 0.0),
             plane("N.Z", 1.0),
@@ -445,13 +634,15 @@ mod tests {
         assert_eq!(load(&bytes, FileEncoding::Auto, "R0").0.samples(), [4.0, 5.0, 6.0, 1.0]);
         assert_eq!(load(&bytes, FileEncoding::Data, "Z").0.samples(), [f32::INFINITY]);
         assert_eq!(load(&bytes, FileEncoding::Data, "N").0.samples(), [0.0, 0.0, 1.0]);
+        assert_eq!(load(&bytes, FileEncoding::Data, "depth").0.samples(), [3.0]);
         let refused = |bytes: &[u8], layer: &str| {
             let read = decode(FileEncoding::Auto, layer, "a", bytes, &mut Notes::none(), Progress::UNTRACKED);
             read.err().map(|error| error.to_string()).unwrap_or_default()
         };
         let reported = refused(&bytes, "S");
         assert!(
-            reported.contains("no layer `S`") && reported.contains("one of `B`, `G`, `N`, `R`, `R0`, `Z`"),
+            reported.contains("no layer `S`")
+                && reported.contains("one of `B`, `G`, `N`, `R`, `R0`, `Z`, `depth`"),
             "{reported}"
         );
 

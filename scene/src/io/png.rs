@@ -6,7 +6,6 @@ use flate2::read::ZlibDecoder;
 use png::{BitDepth, CodingIndependentCodePoints, ColorType, Decoder, Encoder, Limits, Transformations};
 
 use super::believable::believable;
-use super::exif::other_orientation;
 use super::exr::differ_from_srgb;
 use super::icc;
 pub use super::png_pack::Packing;
@@ -14,6 +13,7 @@ use super::png_pack::pack;
 use super::progress::{Progress, TrackedReader};
 pub use super::raster::Raster;
 use super::source_colour::SourceColour;
+use super::turn::Turn;
 use crate::error::Error;
 use crate::math::color::space::Space;
 
@@ -24,6 +24,13 @@ pub fn read(file: &str, bytes: &[u8]) -> Result<Raster, Error> {
 
 /// Like [`read`], with progress and cancellation.
 pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Raster, Error> {
+    let (mut raster, turn) = read_stored(file, bytes, progress)?;
+    raster.ignored.extend(turn.ignored());
+    Ok(raster)
+}
+
+/// Reads a picture as it is stored, and the turn that makes it upright.
+pub(super) fn read_stored(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<(Raster, Turn), Error> {
     let bad = |e: png::DecodingError| Error::format(file, format!("not a complete PNG: {e}"));
     // The largest ratio of deflate is 1032 to 1.
     let mut decoder = Decoder::new_with_limits(
@@ -55,7 +62,6 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Rast
             colour = chromaticities(info, &mut ignored);
         }
     }
-    ignored.extend(chunk(bytes, *b"eXIf").and_then(other_orientation));
     if info.animation_control.is_some() {
         ignored.push("animation frames after the first".to_owned());
     }
@@ -82,7 +88,8 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Rast
         progress.over(&raw, |raw| codes.extend(raw.iter().map(|&code| u16::from(code))))?;
     }
     let largest = if wide { 65_535 } else { 255 };
-    Ok(Raster { width, height, channels, largest, codes, ignored, colour })
+    let turn = chunk(bytes, *b"eXIf").map_or(Turn::UPRIGHT, Turn::of_exif);
+    Ok((Raster { width, height, channels, largest, codes, ignored, colour }, turn))
 }
 
 /// Code points of the spaces that files of displays use, as (primaries, transfer function) of ITU-T H.273. Those of

@@ -6,7 +6,7 @@ use engine::{Code, Context, Diagnostic, Diagnostics, Graph, Kind, Scene, Up, Wir
 use nodes::kinds::camera::Camera;
 use nodes::kinds::demo_scene::DemoScene;
 use nodes::kinds::load_cameras::{self, LoadCameras};
-use nodes::kinds::load_image::LoadImage;
+use nodes::kinds::load_image::{LoadImage, Orientation};
 use scene::io::picture;
 
 /// Width and height of each view in pixels.
@@ -102,7 +102,11 @@ fn own(graph: &Graph, node: usize) -> Option<Sizes> {
         "load-image" => {
             let image: LoadImage = node.params()?;
             let paths = std::iter::once(&image.path).chain(&image.more);
-            paths.map(|path| picture::size(&graph.root.folder().join(&path.0))).collect()
+            let size = match image.orientation {
+                Orientation::Upright => picture::upright_size,
+                Orientation::Stored => picture::size,
+            };
+            paths.map(|path| size(&graph.root.folder().join(&path.0))).collect()
         }
         "load-cameras" => {
             let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false };

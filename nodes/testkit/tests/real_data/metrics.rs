@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use engine::{InputFile, Kind, Up};
 use nodes::kinds::compare::{self, Compare, Space};
-use nodes::kinds::load_image::{self, FileEncoding, LoadImage};
+use nodes::kinds::load_image::{self, FileEncoding, LoadImage, Orientation};
 use nodes::kinds::region_masks::{self, RegionMasks};
 use nodes::kinds::score_env::{self, ScoreEnv};
 use scene::math::metrics::{Exposures, PIXELS_PER_DEGREE, Plane, hdr_flip_map};
@@ -16,6 +16,7 @@ fn image(path: &str, encoding: FileEncoding) -> Arc<Images> {
     let p = LoadImage {
         path: InputFile(path.into()),
         encoding,
+        orientation: Orientation::Upright,
         layer: String::new(),
         more: Vec::new(),
         names: vec!["v".into()],
