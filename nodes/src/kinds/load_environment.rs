@@ -10,6 +10,8 @@ use render::light::whole_sphere::{self, turn_in_place};
 use scene::io::picture::{floats_of, head_of};
 use scene::types::{Environment, Image, Images, Light};
 
+pub use scene::io::picture::FileEncoding;
+
 engine::params! {
     /// Loads an equirectangular panorama of linear light: OpenEXR or Radiance HDR.
     ///
@@ -18,6 +20,9 @@ engine::params! {
     pub struct LoadEnvironment {
         /// The file: `.exr` or `.hdr`.
         path: InputFile, other("\"b.hdr\"");
+        /// Encoding of the numbers in the file. Spaces of scenes are converted to linear Rec.709; those of displays are
+        /// refused.
+        encoding: FileEncoding = FileEncoding::Auto, other("AcesCg");
         /// Layer of an OpenEXR file, such as `ViewLayer.Combined`, or a channel. The default is the unnamed layer.
         layer: String = String::new(), other("\"R\"");
         /// Rotates the light about the up axis, counter-clockwise seen from above. Rotations by a fraction of a
@@ -70,7 +75,7 @@ impl Kind for LoadEnvironment {
 
     fn run(p: &Self, _inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
         let mut notes = Notes::none();
-        let picture = whole_sphere::open(&p.path, &p.layer, &mut notes, cx)?;
+        let picture = whole_sphere::open(&p.path, p.encoding, &p.layer, &mut notes, cx)?;
         let (width, height, _) = picture.size();
         let mut rgb = whole_sphere::linear(&p.path.0, picture).map_err(|e| NodeError::from(e).at("path"))?;
         scale(&mut rgb, p.scale, &mut notes);

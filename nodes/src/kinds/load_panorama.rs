@@ -18,6 +18,8 @@ use scene::math::equirect::pixel_solid_angle;
 use scene::math::num;
 use scene::types::{Environment, Image, Images, Linear, Panorama, Picture, Srgb};
 
+pub use scene::io::picture::FileEncoding;
+
 engine::params! {
     /// Loads an equirectangular panorama as a camera recorded it: PNG, JPEG, OpenEXR or Radiance HDR.
     ///
@@ -31,6 +33,9 @@ engine::params! {
     pub struct LoadPanorama {
         /// The file: `.jpg`, `.png`, `.exr` or `.hdr`.
         path: InputFile, other("\"b.exr\"");
+        /// Encoding of the numbers in the file. Spaces of scenes are converted to linear Rec.709, those of displays to
+        /// sRGB.
+        encoding: FileEncoding = FileEncoding::Auto, other("AcesCg");
         /// Layer of an OpenEXR file, such as `ViewLayer.Combined`, or a channel. The default is the unnamed layer.
         layer: String = String::new(), other("\"R\"");
         /// Exposes linear light as an 8-bit camera would, this many stops above EV 0. EV 0 is the exposure at which
@@ -94,7 +99,7 @@ impl Kind for LoadPanorama {
 
     fn run(p: &Self, _inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
         let mut notes = Notes::none();
-        let picture = whole_sphere::open(&p.path, &p.layer, &mut notes, cx)?;
+        let picture = whole_sphere::open(&p.path, p.encoding, &p.layer, &mut notes, cx)?;
         let (width, height, _) = picture.size();
         let linear = matches!(picture, Picture::Linear(_));
         let pixels = premultiplied(&picture, &mut notes).map_err(|e| NodeError::from(e).at("path"))?;
@@ -255,6 +260,7 @@ mod tests {
         );
         let p = LoadPanorama {
             path: InputFile("a".into()),
+            encoding: FileEncoding::Auto,
             layer: String::new(),
             photograph_ev,
             rotation_deg,

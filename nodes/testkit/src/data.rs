@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use engine::{Context, InputFile, Kind, Notes, Scene, Up};
 use nodes::kinds::load_cameras::{self, LoadCameras};
-use nodes::kinds::load_environment::{self, LoadEnvironment};
+use nodes::kinds::load_environment::{self, FileEncoding, LoadEnvironment};
 use nodes::kinds::load_mesh::{self, ColourEncoding, LoadMesh, MeshFrame};
 use nodes::kinds::load_object::{self, LoadObject};
 use nodes::kinds::load_splats::{self, Frame, LoadSplats};
@@ -95,6 +95,7 @@ impl Data {
     pub fn environment(&self, path: &str) -> (Arc<Environment>, Notes) {
         let params = LoadEnvironment {
             path: InputFile(path.to_owned()),
+            encoding: FileEncoding::Auto,
             layer: String::new(),
             rotation_deg: 0.0,
             scale: 1.0,

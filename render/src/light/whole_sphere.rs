@@ -10,11 +10,17 @@ use scene::io::picture::{FileEncoding, decode};
 use scene::io::progress::Progress;
 use scene::types::{Data, Image, Linear, Picture, Srgb};
 
-/// Reads the picture in a file, or one layer of this picture. A picture of a part of the sphere is placed according
+/// Reads the picture in a file with the given encoding, or one layer of this picture. A picture of a part of the sphere is placed according
 /// to its metadata and is transparent elsewhere. An aspect ratio other than 2:1 is reported.
-pub fn open(path: &InputFile, layer: &str, notes: &mut Notes, cx: &Context) -> Result<Picture, NodeError> {
+pub fn open(
+    path: &InputFile,
+    encoding: FileEncoding,
+    layer: &str,
+    notes: &mut Notes,
+    cx: &Context,
+) -> Result<Picture, NodeError> {
     let bytes = cx.read(path).map_err(|e| e.at("path"))?;
-    let picture = decode(FileEncoding::Auto, layer, &path.0, &bytes, notes, Progress::of(cx, 0.0, 0.4));
+    let picture = decode(encoding, layer, &path.0, &bytes, notes, Progress::of(cx, 0.0, 0.4));
     let picture = picture.map_err(|e| NodeError::from(e).at("path"))?;
     let picture = whole(&path.0, &bytes, picture, notes).map_err(|e| NodeError::from(e).at("path"))?;
     cx.check()?;

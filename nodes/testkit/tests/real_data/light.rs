@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use engine::{InputFile, Kind, Up};
 use nodes::kinds::fuse_hdr::{self, Blend, FuseHdr, Gain, Hue};
-use nodes::kinds::load_panorama::{self, LoadPanorama};
+use nodes::kinds::load_panorama::{self, FileEncoding, LoadPanorama};
 use nodes::kinds::predict_exposure::{self, Method, PredictExposure};
 use nodes::kinds::score_env::{self, ScoreEnv};
 use render::light::linear::Transfer;
@@ -108,6 +108,7 @@ fn errors(method: &Method) -> [[f64; 2]; 2] {
     for file in files.iter().step_by(2) {
         let params = LoadPanorama {
             path: InputFile(file.to_str().unwrap().to_owned()),
+            encoding: FileEncoding::Auto,
             layer: String::new(),
             photograph_ev: Some(0.0),
             rotation_deg: 0.0,

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use engine::{Context, InputFile, Kind, NodeError, Notes, Scene, SourceRoot, Up};
 use nodes::kinds::camera;
 use nodes::kinds::load_cameras::{self, LoadCameras};
-use nodes::kinds::load_environment::{self, LoadEnvironment};
+use nodes::kinds::load_environment::{self, FileEncoding, LoadEnvironment};
 use nodes::kinds::load_mesh::{self, ColourEncoding, LoadMesh, MeshFrame};
 use nodes::kinds::load_object::{self, LoadObject};
 use nodes::kinds::load_splats::{self, LoadSplats};
@@ -170,7 +170,14 @@ fn meshes_and_lights_of_other_tools_are_read() {
     assert!(bytes.colours.as_flattened().iter().any(|c| *c < 0.99));
     let light = |path: &str| {
         let path = InputFile(path.to_owned());
-        let p = LoadEnvironment { path, layer: String::new(), rotation_deg: 0.0, scale: 1.0, origin: None };
+        let p = LoadEnvironment {
+            path,
+            encoding: FileEncoding::Auto,
+            layer: String::new(),
+            rotation_deg: 0.0,
+            scale: 1.0,
+            origin: None,
+        };
         LoadEnvironment::run(&p, load_environment::In {}, &cx(1.0)).map(|(out, _)| out.env)
     };
     let env = light("exposure_0.hdr").unwrap();
