@@ -5,10 +5,14 @@ use std::sync::Arc;
 use engine::{
     Context, ContextField, Cost, FileBytes, Files, Kind, NodeError, Notes, OutputFile, ViewCount, Wired,
 };
-use scene::io::exr::{self, Channel, Depth};
+use scene::io::exr::{self, CameraMatrices, Channel, Depth};
 use scene::io::progress::Progress;
 use scene::math::color::space::{Conversion, Space};
-use scene::types::{Encoding, Images, Linear, Picture};
+use scene::types::{Encoding, Images, Linear, Picture, Rig};
+
+mod plate;
+
+use plate::{Plate, ROUNDING, STORED};
 
 engine::choices! {
     /// Encoding of the written colours.
@@ -30,18 +34,24 @@ engine::choices! {
 engine::params! {
     /// Writes pictures as OpenEXR: a single picture, or several as named layers.
     ///
-    /// Give either `image`, whose channels become R, G, B (and A), or `layers`. A layer is named by `names`, or
-    /// after the output that its wire comes from. A layer of colour is written as the channels `name.R`, `name.G`,
-    /// `name.B` (and `name.A`), a layer of a single channel as `name`, and a layer named N as `N.X`, `N.Y`, `N.Z`.
+    /// `image` becomes the channels R, G, B (and A), the default layer that viewers show. Each of `layers` is named by
+    /// `names`, or after the output that its wire comes from. A layer of colour is written as the channels `name.R`,
+    /// `name.G`, `name.B` (and `name.A`), a layer of a single channel as `name`, a layer named `depth` as `depth.Z`, and
+    /// a layer named `normal` or `N` as `normal.X`, `normal.Y`, `normal.Z`. If `rig` is wired, the header has the
+    /// attributes `worldToCamera` and `worldToNDC`.
+    ///
     /// Colours keep their encoding unless `encoding` names a space; all colours are then written in that space. The
     /// attribute `lightharmony:encoding` records the encoding of each layer, and `chromaticities` the primaries.
     /// Other programs ignore the first attribute and treat all colours as linear, so mixed encodings are reported.
     /// The same input gives the same bytes.
+    ///
+    /// A plate in another colour space would return from the working space with rounding errors of 1e-7. If `plate` and
+    /// `stored` are wired, pixels of colour that equal those of the plate are written with the numbers of its file.
     pub struct WriteExr {
         /// The file: `.exr`. Must contain `{view}` if there are several views.
         path: OutputFile, other("\"b.exr\""), inert("the path is not stored in the file");
-        /// Names of the layers, in the order of the wires: B, R0, R1, S, O, M, Z, N, variance, or others. The
-        /// default is the names of the outputs that the wires come from.
+        /// Names of `layers`, in the order of the wires, such as `background`, `object`, `shadow`, `depth`, `normal`. The
+        /// default is the names of the outputs that the wires come from. Without `layers`, the name of `image`.
         names: Vec<String> = Vec::new(), other("[\"B\"]");
         /// True to write colours as 16-bit floats, which take half the space and have about three significant
         /// digits. Samples that overflow are clamped and counted. Data (depth, masks, variance) stays in 32 bits.
@@ -58,10 +68,17 @@ engine::params! {
 engine::inputs! {
     /// Pictures to write.
     pub struct In {
-        /// One picture per view.
+        /// One picture per view, for the default layer.
         image: Option<Arc<Images>>,
         /// Pictures to write to one file, each as a layer; they must have the same views and size.
         layers: Vec<Arc<Images>>,
+        /// Cameras of the views, for the header.
+        rig: Option<Arc<Rig>>,
+        /// The plate as it was loaded, in linear light.
+        plate: Option<Arc<Images>>,
+        /// The numbers of the file of the plate, which must be in the space of `encoding`: a `load-image` of the same
+        /// file with `encoding: Data`.
+        stored: Option<Arc<Images>>,
     }
 }
 engine::outputs! {
@@ -74,7 +91,7 @@ engine::outputs! {
 
 impl Kind for WriteExr {
     const NAME: &'static str = "write-exr";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     const READS: &'static [ContextField] = &[ContextField::Recipe, ContextField::Wired];
     type Params = Self;
     type In = In;
@@ -102,6 +119,11 @@ impl Kind for WriteExr {
 
     fn check_wires(p: &Self, wired: &Wired) -> Result<(), NodeError> {
         let layers = wired.of("layers");
+        if wired.of("plate").len() != wired.of("stored").len() {
+            return Err(NodeError::new("`plate` and `stored` are used only together").at("stored").hint(
+                "wire the plate to `plate`, and a `LoadImage` of the same file with `encoding: Data` to `stored`",
+            ));
+        }
         layer_names(p, wired.of("image").len(), layers.len(), layers).map(drop)
     }
 
@@ -131,6 +153,7 @@ impl Kind for WriteExr {
         let layers: Vec<(&str, &Images)> = names.into_iter().zip(wired).collect();
         let mut notes = Notes::none();
         let mut files = Vec::new();
+        let mut kept = 0;
         if p.encoding == WrittenEncoding::Keep {
             report_encodings(&layers, &mut notes);
         }
@@ -165,7 +188,13 @@ impl Kind for WriteExr {
                         "layer `{name}` is {w}x{h} pixels, but another layer is {width}x{height}"
                     )));
                 }
-                add_layer(name, picture, p, &mut channels, progress.part(0.0, 0.0))?;
+                let plate = match (&inputs.plate, &inputs.stored) {
+                    (Some(plate), Some(stored)) => {
+                        Plate::of(&view.name, [plate, stored], (width, height)).map(Some)?
+                    }
+                    _ => None,
+                };
+                kept += add_layer(name, picture, plate.as_ref(), p, &mut channels, progress.part(0.0, 0.0))?;
                 let name = if name.is_empty() { "image" } else { name };
                 let encoding = match p.conversion(picture) {
                     Some(_) => p.encoding.name(),
@@ -175,7 +204,16 @@ impl Kind for WriteExr {
             }
             let encodings = encodings.join(" ");
             let primaries = p.encoding.space().primaries();
-            let attributes = exr::Attributes { encoding: &encodings, recipe, primaries };
+            if let Some(twice) = repeated(&channels) {
+                return Err(NodeError::new(format!("two layers have the channel `{twice}`"))
+                    .at("names")
+                    .hint("the default layer has the channels R, G, B and A, or Y; give the other layers other names"));
+            }
+            let camera = match &inputs.rig {
+                Some(rig) => Some(camera_of(rig, &view.name, (width, height))?),
+                None => None,
+            };
+            let attributes = exr::Attributes { encoding: &encodings, recipe, primaries, camera };
             let (bytes, clamped) = exr::write_for(width, height, channels, attributes, progress)?;
             if clamped > 0 {
                 let what = format!(
@@ -186,12 +224,41 @@ impl Kind for WriteExr {
             }
             files.push(FileBytes { view: view.name.clone(), bytes });
         }
+        if inputs.plate.is_some() {
+            notes.decision("plate-kept", format!("pixels written with the numbers of the plate: {kept}"));
+        }
         Ok((Out { files: Arc::new(Files(files)) }, notes))
     }
 }
 
+/// The first name that two channels have.
+fn repeated(channels: &[(Channel, Depth)]) -> Option<&str> {
+    let mut names: Vec<&str> = channels.iter().map(|(channel, _)| channel.name.as_str()).collect();
+    names.sort_unstable();
+    names.windows(2).find(|pair| pair[0] == pair[1]).map(|pair| pair[0])
+}
+
+/// Matrices of the camera of a view. A rig of one camera belongs to every view.
+fn camera_of(rig: &Rig, view: &str, size: (usize, usize)) -> Result<CameraMatrices, NodeError> {
+    let named = rig.cameras.iter().find(|camera| camera.name == view);
+    let only = || rig.cameras.first().filter(|_| rig.cameras.len() == 1);
+    let Some(camera) = named.or_else(only) else {
+        let there: Vec<&str> = rig.cameras.iter().map(|camera| camera.name.as_str()).collect();
+        let what = format!("`rig` has no camera `{view}`; its cameras are {}", there.join(", "));
+        return Err(NodeError::new(what).at("rig").hint("wire the rig that the pictures were rendered with"));
+    };
+    if (camera.width_px as usize, camera.height_px as usize) != size {
+        let what = format!(
+            "the camera `{}` has {}x{} pixels, but the pictures have {}x{}",
+            camera.name, camera.width_px, camera.height_px, size.0, size.1
+        );
+        return Err(NodeError::new(what).at("rig").hint("wire the rig that the pictures were rendered with"));
+    }
+    Ok(CameraMatrices::of(camera))
+}
+
 /// Returns the name of each layer, which is given by `names` or is the name of the output that the layer comes
-/// from. The layer of `image` has no name unless `names` gives one.
+/// from. The layer of `image` has no name unless it is the only layer and `names` gives one.
 fn layer_names<'a>(
     p: &'a WriteExr,
     images: usize,
@@ -199,6 +266,11 @@ fn layer_names<'a>(
     outputs: &[&'a str],
 ) -> Result<Vec<&'a str>, NodeError> {
     let given = || p.names.iter().map(String::as_str).collect();
+    if images == 1 && layers > 0 {
+        let mut all = vec![""];
+        all.extend(layer_names(p, 0, layers, outputs)?);
+        return Ok(all);
+    }
     match (images, layers, p.names.len()) {
         (0, 0, _) => {
             Err(NodeError::new("there is no picture to write").at("image").hint("wire `image` or `layers`"))
@@ -224,7 +296,7 @@ fn layer_names<'a>(
         ))
         .at("names")
         .hint("name every layer, in the order of the wires")),
-        _ => Err(NodeError::new("`image` and `layers` cannot both be wired").at("layers")),
+        _ => Err(NodeError::new("`image` is one wire").at("image")),
     }
 }
 
@@ -296,19 +368,22 @@ fn report_encodings(layers: &[(&str, &Images)], notes: &mut Notes) {
     }
 }
 
+/// Adds the channels of a layer. Returns the number of pixels that have the numbers of the plate.
 fn add_layer(
     name: &str,
     picture: &Picture,
+    plate: Option<&Plate<'_>>,
     p: &WriteExr,
     to: &mut Vec<(Channel, Depth)>,
     progress: Progress<'_>,
-) -> Result<(), NodeError> {
+) -> Result<u64, NodeError> {
     let (_, _, channels) = picture.size();
     let letters: &[&str] = match (channels, name) {
         (1, "") => &["Y"],
+        (1, "depth") => &["Z"],
         (1, _) => &[""],
         (2, _) => &["Y", "A"],
-        (3, "N") => &["X", "Y", "Z"],
+        (3, "N" | "normal") => &["X", "Y", "Z"],
         (3, _) => &["R", "G", "B"],
         (4, _) => &["R", "G", "B", "A"],
         _ => {
@@ -317,6 +392,8 @@ fn add_layer(
         }
     };
     let conversion = p.conversion(picture);
+    let plate = plate.filter(|_| matches!(picture, Picture::Linear(_)));
+    let mut kept = 0;
     let depth = if p.half && !matches!(picture, Picture::Data(_)) { Depth::Half } else { Depth::Float };
     for (offset, letter) in letters.iter().enumerate() {
         let full = match (name, *letter) {
@@ -324,171 +401,49 @@ fn add_layer(
             (name, "") => name.to_owned(),
             (name, letter) => format!("{name}.{letter}"),
         };
-        let mut samples = Vec::with_capacity(picture.samples().len() / channels);
+        let mut samples: Vec<f32> = Vec::with_capacity(picture.samples().len() / channels);
+        let mut unlike = None;
         progress.over(picture.samples(), |pixels| {
-            if let Some(conversion) = conversion.as_ref().filter(|_| *letter != "A") {
+            let letter_of_colour = *letter != "A" && channels >= 3;
+            if let Some(plate) = plate.filter(|_| letter_of_colour) {
+                for pixel in pixels.chunks_exact(channels) {
+                    let at = samples.len();
+                    let own = match &conversion {
+                        Some(conversion) => converted(pixel, conversion),
+                        None => [pixel[0], pixel[1], pixel[2]],
+                    };
+                    let Some(stored) = plate.colours(at, pixel) else {
+                        samples.push(own[offset]);
+                        continue;
+                    };
+                    let size = stored.iter().fold(0.0_f32, |size, v| size.max(v.abs()));
+                    if (stored[offset] - own[offset]).abs() > ROUNDING * size {
+                        unlike.get_or_insert((at, own, stored));
+                    }
+                    samples.push(stored[offset]);
+                    kept += u64::from(offset == 0);
+                }
+            } else if let Some(conversion) = conversion.as_ref().filter(|_| *letter != "A") {
                 let pixels = pixels.chunks_exact(channels);
                 samples.extend(pixels.map(|pixel| converted(pixel, conversion)[offset]));
             } else {
                 samples.extend(pixels.iter().skip(offset).step_by(channels).copied());
             }
         })?;
+        if let Some((at, own, stored)) = unlike {
+            let (x, y) = (at % picture.size().0, at / picture.size().0);
+            let what = format!(
+                "the plate is {own:?} in the space of `encoding` at pixel ({x}, {y}), but `stored` is {stored:?}"
+            );
+            return Err(NodeError::new(what).at("stored").hint(STORED));
+        }
         if samples.iter().any(|v| v.is_nan()) {
             return Err(NodeError::new(format!("channel `{full}` contains NaN")).at("layers"));
         }
         to.push((Channel { name: full, samples }, depth));
     }
-    Ok(())
+    Ok(kept)
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use engine::{Scene, Up};
-    use scene::math::color::linear_from_srgb;
-    use scene::types::{Data, Image, NamedImage, Srgb};
-
-    fn run(p: &WriteExr, inputs: In) -> Result<(Vec<FileBytes>, Notes), NodeError> {
-        WriteExr::check(p)?;
-        let cx =
-            Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0, exhaustive: false }, ".");
-        WriteExr::run(p, inputs, &cx).map(|(out, notes)| (out.files.0.clone(), notes))
-    }
-    fn node(names: &[&str]) -> WriteExr {
-        let names = names.iter().map(|n| (*n).to_owned()).collect();
-        let encoding = WrittenEncoding::Keep;
-        WriteExr { path: OutputFile("a.exr".into()), names, half: false, encoding, recipe: true }
-    }
-    fn colour() -> Arc<Images> {
-        let samples = (0..24).map(|i| i as f32 * 10_000.0).collect();
-        Arc::new(Images::single("v", Image::<Linear>::from_samples(3, 2, 4, samples)))
-    }
-    fn depth() -> Arc<Images> {
-        Arc::new(Images::single("v", Image::<Data>::from_samples(3, 2, 1, vec![f32::INFINITY; 6])))
-    }
-
-    #[test]
-    fn layers_are_named_and_exact() {
-        let layers = vec![colour(), depth(), Arc::new(Images::single("v", Image::<Srgb>::new(3, 2, 3)))];
-        let (files, notes) =
-            run(&node(&["O", "Z", "B"]), In { image: None, layers }).unwrap_or_else(|e| panic!("{e}"));
-        let reported: Vec<&str> = notes.iter().map(|note| &*note.id).collect();
-        assert_eq!(reported, ["mixed-encodings"]);
-        let back = exr::read("a", &files[0].bytes).unwrap_or_else(|e| panic!("{e}"));
-        let names: Vec<&str> = back.channels.iter().map(|c| c.name.as_str()).collect();
-        assert_eq!(names, ["B.B", "B.G", "B.R", "O.A", "O.B", "O.G", "O.R", "Z"]);
-        assert_eq!(back.find("O.G").map(|c| c[5]), Some(210_000.0));
-        assert_eq!(back.find("Z"), Some(&[f32::INFINITY; 6][..]));
-        let text = b"O=linear Z=data B=srgb";
-        assert!(files[0].bytes.windows(text.len()).any(|w| w == text));
-    }
-
-    // This test fails if alpha is decoded too, if premultiplied colours are decoded directly, if linear light is
-    // decoded again, or if the attribute is not changed.
-    #[test]
-    fn linear_decodes_what_is_display_encoded_and_nothing_else() {
-        let of = |channels, samples: &[f32]| {
-            Arc::new(Images::single("v", Image::<Srgb>::from_samples(1, 2, channels, samples.to_vec())))
-        };
-        let layers = vec![
-            of(4, &[0.2, 0.1, -0.05, 0.5, 0.3, 0.3, 0.3, 0.0]),
-            of(3, &[0.5, 1.5, 0.0, 1.0, 0.25, 0.75]),
-            of(2, &[0.1, 0.5, 1.0, 1.0]),
-            Arc::new(Images::single("v", Image::<Linear>::from_samples(1, 2, 1, vec![0.5, 7.0]))),
-            Arc::new(Images::single("v", Image::<Data>::from_samples(1, 2, 3, vec![0.25; 6]))),
-        ];
-        for half in [false, true] {
-            let encoding = WrittenEncoding::Linear;
-            let p = WriteExr { half, encoding, ..node(&["B", "C", "G", "R0", "S"]) };
-            let (files, notes) =
-                run(&p, In { image: None, layers: layers.clone() }).unwrap_or_else(|e| panic!("{e}"));
-            assert_eq!(notes, Notes::none());
-            let back = exr::read("a", &files[0].bytes).unwrap_or_else(|e| panic!("{e}"));
-            let lin = linear_from_srgb;
-            for (name, wanted) in [
-                ("B.R", [lin(0.4) * 0.5, 0.0]),
-                ("B.G", [lin(0.2) * 0.5, 0.0]),
-                ("B.B", [lin(-0.1) * 0.5, 0.0]),
-                ("B.A", [0.5, 0.0]),
-                ("C.G", [lin(1.5), lin(0.25)]),
-                ("G.Y", [lin(0.2) * 0.5, 1.0]),
-                ("G.A", [0.5, 1.0]),
-                ("R0", [0.5, 7.0]),
-                ("S.B", [0.25; 2]),
-            ] {
-                let found = back.find(name).unwrap_or_else(|| panic!("{name}"));
-                for (found, wanted) in found.iter().zip(wanted) {
-                    let off = (found - wanted).abs();
-                    assert!(
-                        off <= if half { 1e-3 * wanted.abs() } else { 1e-7 },
-                        "{name}: {found}, {wanted}"
-                    );
-                }
-            }
-            let text = b"B=linear C=linear G=linear R0=linear S=data";
-            assert!(files[0].bytes.windows(text.len()).any(|w| w == text));
-        }
-    }
-
-    // This test fails if data is treated as linear light, if layers are listed that are not display-encoded, or if
-    // `Linear` causes a warning too.
-    #[test]
-    fn unlike_encodings_are_reported_by_layer_and_like_ones_are_not() {
-        let encoded = || Arc::new(Images::single("v", Image::<Srgb>::new(3, 2, 3)));
-        let reported = |encoding, names: &[&str], layers| {
-            let p = WriteExr { encoding, ..node(names) };
-            let (_, notes) = run(&p, In { image: None, layers }).unwrap_or_else(|e| panic!("{e}"));
-            notes.iter().map(|note| note.text.clone()).collect::<Vec<_>>()
-        };
-        let all = ["B", "R0", "R1", "Z"];
-        let layers = || vec![encoded(), colour(), colour(), depth()];
-        assert_eq!(
-            reported(WrittenEncoding::Keep, &all, layers()),
-            [
-                "display-encoded layers (`B`) are mixed with linear layers (`R0`, `R1`), and other programs treat all \
-              layers as linear; `encoding: Linear` decodes them"
-            ]
-        );
-        assert!(reported(WrittenEncoding::Linear, &all, layers()).is_empty());
-        assert!(reported(WrittenEncoding::Keep, &["B", "Z"], vec![encoded(), depth()]).is_empty());
-        assert!(reported(WrittenEncoding::Keep, &["R", "Z"], vec![colour(), depth()]).is_empty());
-    }
-
-    #[test]
-    fn half_counts_what_overflows_and_spares_data() {
-        let p = WriteExr { half: true, ..node(&["O", "Z"]) };
-        let (files, notes) =
-            run(&p, In { image: None, layers: vec![colour(), depth()] }).unwrap_or_else(|e| panic!("{e}"));
-        assert!(notes.iter().any(|n| n.id == "half-overflow" && n.text.starts_with("17 ")));
-        let back = exr::read("a", &files[0].bytes).unwrap_or_else(|e| panic!("{e}"));
-        assert_eq!(back.find("O.A").map(|c| c[5]), Some(65_504.0));
-        assert_eq!(back.find("Z").map(|c| c[0]), Some(f32::INFINITY));
-    }
-
-    #[test]
-    fn what_does_not_fit_together_is_refused() {
-        let other = Arc::new(Images::single("v", Image::<Data>::new(2, 2, 1)));
-        let nan = Arc::new(Images::single("v", Image::<Data>::from_samples(1, 1, 1, vec![f32::NAN])));
-        let pair = |a: &str, b: &str| {
-            let named =
-                |n: &str| NamedImage { name: n.to_owned(), picture: Image::<Data>::new(3, 2, 1).into() };
-            Arc::new(Images(vec![named(a), named(b)]))
-        };
-        let rigs = In { image: None, layers: vec![pair("x", "y"), pair("x", "z")] };
-        let Err(reported) = run(&node(&["a", "b"]), rigs) else { panic!("layers of different rigs") };
-        assert_eq!(reported.message(), "layer `b` has no view `y`; its views are x, z");
-        assert_eq!(reported.advice(), Some("all layers of a file must come from one rig"));
-        for (p, inputs) in [
-            (node(&[]), In { image: None, layers: vec![] }),
-            (node(&["a"]), In { image: None, layers: vec![colour(), depth()] }),
-            (node(&["a"]), In { image: Some(depth()), layers: vec![depth()] }),
-            (node(&["a", "b"]), In { image: None, layers: vec![colour(), other] }),
-            (node(&["a", "b"]), In { image: None, layers: vec![pair("x", "y"), pair("x", "z")] }),
-            (node(&["a", "a"]), In { image: None, layers: vec![colour(), depth()] }),
-            (node(&[]), In { image: Some(nan), layers: vec![] }),
-        ] {
-            assert!(run(&p, inputs).is_err());
-        }
-        assert!(run(&node(&["a", "b"]), In { image: None, layers: vec![pair("x", "y"), depth()] }).is_ok());
-    }
-}
+mod tests;

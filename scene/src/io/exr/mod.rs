@@ -1,6 +1,7 @@
 //! OpenEXR: reading one flat part as named f32 channels, and writing one part of named channels, with reproducible
 //! bytes.
 
+mod camera;
 mod part;
 mod planes;
 mod read;
@@ -8,6 +9,7 @@ mod read;
 mod tests;
 mod write;
 
+pub use camera::CameraMatrices;
 pub use part::choose_part;
 pub use planes::{Channel, Planes, differ_from_srgb};
 pub use read::{Opened, open, read, read_for, read_layer};

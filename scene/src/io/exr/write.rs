@@ -12,6 +12,7 @@ use exr::prelude::{
     f16,
 };
 
+use super::camera::CameraMatrices;
 use super::planes::Channel;
 use crate::error::Error;
 use crate::io::progress::Progress;
@@ -42,11 +43,11 @@ pub fn write(
     encoding: &str,
     recipe: Option<&str>,
 ) -> Result<(Vec<u8>, u64), Error> {
-    let attributes = Attributes { encoding, recipe, primaries: &REC709 };
+    let attributes = Attributes { encoding, recipe, primaries: &REC709, camera: None };
     write_for(width, height, channels, attributes, Progress::UNTRACKED)
 }
 
-/// Statements of a file about its colours and its origin.
+/// Statements of a file about its colours, its camera and its origin.
 #[derive(Debug, Clone, Copy)]
 pub struct Attributes<'a> {
     /// Encoding of each layer: the attribute `lightharmony:encoding`.
@@ -55,6 +56,8 @@ pub struct Attributes<'a> {
     pub recipe: Option<&'a str>,
     /// Primaries of the colours: the attribute `chromaticities`.
     pub primaries: &'a Primaries,
+    /// The camera of the picture: the attributes `worldToCamera` and `worldToNDC`.
+    pub camera: Option<CameraMatrices>,
 }
 
 /// Like [`write()`], with progress and cancellation. Blocks of rows are compressed on all threads and written in
@@ -63,7 +66,7 @@ pub fn write_for(
     width: usize,
     height: usize,
     channels: Vec<(Channel, Depth)>,
-    Attributes { encoding, recipe, primaries }: Attributes<'_>,
+    Attributes { encoding, recipe, primaries, camera }: Attributes<'_>,
     progress: Progress<'_>,
 ) -> Result<(Vec<u8>, u64), Error> {
     let fail = |e: exr::error::Error| Error::Mismatch(format!("cannot encode the picture as EXR: {e}"));
@@ -85,7 +88,12 @@ pub fn write_for(
         })
         .collect::<Result<_, Error>>()?;
     let comments = recipe.and_then(Text::new_or_none);
-    let mut attributes = LayerAttributes { comments, ..LayerAttributes::default() };
+    let mut attributes = LayerAttributes {
+        comments,
+        world_to_camera: camera.map(|camera| camera.world_to_camera),
+        world_to_normalized_device: camera.map(|camera| camera.world_to_ndc),
+        ..LayerAttributes::default()
+    };
     // One attribute only: the crate writes this map in the order of a seeded hash.
     if let Some(text) = Text::new_or_none(encoding) {
         attributes
