@@ -3,11 +3,13 @@
 use std::borrow::Cow;
 use std::sync::Arc;
 
-use engine::{Context, Kind, NodeError, Notes, ViewCount};
+use engine::{Context, Cost, Kind, NodeError, Notes, ViewCount};
 use scene::math::color::luminance;
+use scene::math::num;
 use scene::types::layers::{linear, matching};
 use scene::types::{Data, Image, Images, Linear, NamedImage, Picture};
 
+mod grain;
 mod sharpness;
 
 engine::choices! {
@@ -17,6 +19,18 @@ engine::choices! {
         Keep,
         /// Blurs the objects until their edges are as soft as the sharpest edges of the background around them,
         /// measured in each view.
+        Match,
+        /// Blurs the objects by `blur_px`.
+        Blur,
+    }
+}
+
+engine::choices! {
+    /// Grain of the objects.
+    pub enum Grain {
+        /// Leaves the objects as rendered.
+        Keep,
+        /// Adds grain of the power that the background has around the objects, measured for each channel in each view.
         Match,
     }
 }
@@ -30,12 +44,25 @@ engine::params! {
     /// background already shows `F`, so `F`, limited to at most `B`, is first subtracted from `B`. The colours of a
     /// splat render are un-premultiplied before they are decoded. Holes of the background show `backdrop`; with
     /// `backdrop: None` they stay transparent.
+    ///
+    /// The objects are first changed by `object_stops` and `object_tint`, then blurred, then get grain. The outputs
+    /// `object`, `shadow` and `added` are the layers as they were used, so the formula holds for them exactly.
     pub struct Composite {
         /// Linear colour behind the holes of the background; `None` keeps the alpha channel.
         backdrop: Option<[f64; 3]> = Some([0.0; 3]), range(0.0, 1e6), other("(0.5, 0.25, 1.0)");
         /// Sharpness of the objects and their shadow. Renders are usually sharper than captures; `Match` blurs the
         /// objects and their shadow to the sharpness of the background.
         sharpness: Sharpness = Sharpness::Keep, other("Match"), inert("a picture of a few pixels has no edges to measure");
+        /// Standard deviation of the blur with `sharpness: Blur`.
+        blur_px: f64 = 1.0, range(0.0, 64.0), unit("px"), other("2.0"), inert("only with `sharpness: Blur`");
+        /// Grain of the objects. Renders have none, photographs do.
+        grain: Grain = Grain::Keep, other("Match"), inert("a picture of a few pixels has no grain to measure");
+        /// Seed of the grain. In a sequence, a different seed in each frame makes the grain move.
+        grain_seed: u64 = 0, other("7"), inert("only with `grain: Match`");
+        /// Exposure of the objects; 1 doubles their light.
+        object_stops: f64 = 0.0, range(-24.0, 24.0), unit("EV"), other("1.0");
+        /// Factors for red, green and blue of the objects, such as a white balance.
+        object_tint: [f64; 3] = [1.0, 1.0, 1.0], range(0.0, 1e6), other("(1.0, 0.9, 0.7)");
     }
 }
 
@@ -71,6 +98,12 @@ engine::outputs! {
         /// and is an upper estimate if `denoise` was applied in between. It excludes the noise of `added` light and
         /// of alpha (antialiased outlines, and blended surfaces in front of a brighter background).
         error: Arc<Images>,
+        /// The objects as they were used, linear, premultiplied, with alpha.
+        object: Arc<Images>,
+        /// The shadow as it was used, as data; 1 everywhere if `shadow` is not wired.
+        shadow: Arc<Images>,
+        /// The added light as it was used, as data; 0 everywhere if `added` is not wired.
+        added: Arc<Images>,
     }
 }
 
@@ -82,6 +115,8 @@ struct Layers<'a> {
     added: Option<Image<Linear>>,
     front: Option<Cow<'a, Image<Linear>>>,
     variance: Option<&'a Picture>,
+    /// Luminance of the gain of the objects, by which their noise is scaled.
+    gain: f32,
 }
 
 impl Layers<'_> {
@@ -105,7 +140,8 @@ impl Layers<'_> {
             let (kept, front) = self.in_front(x, y);
             let behind = std::array::from_fn(|c| b[c] - kept[c]);
             let shaded = if self.shadow.is_some() { luminance(behind) * (1.0 - cover) } else { 0.0 };
-            let square = shaded * shaded * reported[3] + (1.0 - front) * (1.0 - front) * reported[2];
+            let seen = (1.0 - front) * self.gain;
+            let square = shaded * shaded * reported[3] + seen * seen * reported[2];
             error.pixel_mut(x, y)[0] = if square.is_finite() { square.max(0.0).sqrt() } else { 0.0 };
         }
         error
@@ -176,12 +212,23 @@ impl Kind for Composite {
         ViewCount::As(&["background"])
     }
 
+    fn estimate(params: &Self, inputs: &In) -> Cost {
+        // The picture and its error, layers as factors of three channels, and changed copies of the layers.
+        let pixels = |images: &Images| {
+            let pixels = |image: &NamedImage| image.picture.size().0 as u64 * image.picture.size().1 as u64;
+            images.0.iter().map(pixels).sum::<u64>()
+        };
+        let copies = 4 + 6 + if params.keeps_layers() { 0 } else { 4 + 6 };
+        Cost::of([(pixels(&inputs.background), 4 * (4 + 1 + copies))])
+    }
+
     fn run(params: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
         let mut broken = 0;
         let mut views = Vec::with_capacity(inputs.background.0.len());
         let mut errors = Vec::with_capacity(inputs.background.0.len());
-        let mut blurs = Vec::new();
-        for view in &inputs.background.0 {
+        let (mut blurs, mut grains) = (Vec::new(), Vec::new());
+        let mut used = Used::default();
+        for (index, view) in inputs.background.0.iter().enumerate() {
             cx.check()?;
             let background = linear(&view.picture, "background")?;
             let size = (background.width, background.height);
@@ -210,21 +257,38 @@ impl Kind for Composite {
                 return Err(error.hint("wire the output `variance` of a `path-trace` node"));
             }
             let (mut shadow, mut added) = (data(&inputs.shadow, "shadow")?, data(&inputs.added, "added")?);
-            if params.sharpness == Sharpness::Match {
-                match sharpness::of_background(&background, &object, cx)?.map(sharpness::missing) {
-                    Some(blur) if blur > LEAST_BLUR => {
-                        object = Cow::Owned(sharpness::blurred(&object, blur, cx)?);
-                        for layer in [&mut shadow, &mut added].into_iter().flatten() {
-                            *layer = sharpness::blurred(layer, blur, cx)?;
-                        }
-                        blurs.push(blur);
+            params.expose(&mut object);
+            if params.sharpness != Sharpness::Keep {
+                let blur = match params.sharpness {
+                    Sharpness::Match => {
+                        sharpness::of_background(&background, &object, cx)?.map_or(0.0, sharpness::missing)
                     }
-                    _ => blurs.push(0.0),
+                    _ => params.blur_px,
+                };
+                let blur = if blur > LEAST_BLUR { blur } else { 0.0 };
+                blurs.push(blur);
+                if blur > 0.0 {
+                    object = Cow::Owned(sharpness::blurred(&object, blur, cx)?);
+                    for layer in [&mut shadow, &mut added].into_iter().flatten() {
+                        *layer = sharpness::blurred(layer, blur, cx)?;
+                    }
                 }
             }
-            let layers = Layers { background: &background, object: &object, shadow, added, front, variance };
+            if params.grain == Grain::Match {
+                let sigma = grain::of_background(&background, &object, cx)?;
+                if let Some(sigma) = sigma {
+                    object = Cow::Owned(grain::added(&object, sigma, (params.grain_seed, index), cx)?);
+                }
+                grains.push(sigma);
+            }
+            let gain = params.gain();
+            // Exactly 1 where nothing is changed.
+            let gain = if gain == [1.0; 3] { 1.0 } else { luminance(gain.map(|gain| gain as f32)) };
+            let (background, object) = (&*background, &*object);
+            let layers = Layers { background, object, shadow, added, front, variance, gain };
             let (image, lost) = params.view(&layers, cx)?;
             broken += lost;
+            used.keep(&view.name, &layers);
             errors.push(NamedImage { name: view.name.clone(), picture: layers.error().into() });
             views.push(NamedImage { name: view.name.clone(), picture: image.into() });
         }
@@ -232,13 +296,94 @@ impl Kind for Composite {
         if broken > 0 {
             notes.warning("not-finite", format!("samples that were not finite are black (count: {broken})"));
         }
+        report_grain(&grains, &mut notes);
         if let Some(most) = blurs.iter().copied().reduce(f64::max) {
             let least = blurs.iter().copied().fold(most, f64::min);
             let text =
-                format!("the objects are blurred by {least:.2} to {most:.2} pixels, to match the background");
+                format!("the objects are blurred by {least:.2} to {most:.2} pixels{}", params.blur_reason());
             notes.decision("sharpness", text);
         }
-        Ok((Out { image: Arc::new(Images(views)), error: Arc::new(Images(errors)) }, notes))
+        let Used { object, shadow, added } = used;
+        let [image, error, object, shadow, added] =
+            [views, errors, object, shadow, added].map(|views| Arc::new(Images(views)));
+        Ok((Out { image, error, object, shadow, added }, notes))
+    }
+}
+
+/// The layers of all views as they were used.
+#[derive(Default)]
+struct Used {
+    object: Vec<NamedImage>,
+    shadow: Vec<NamedImage>,
+    added: Vec<NamedImage>,
+}
+
+impl Used {
+    /// Keeps the layers of a view.
+    fn keep(&mut self, name: &str, layers: &Layers<'_>) {
+        let size = (layers.object.width, layers.object.height);
+        let data = |layer: &Option<Image<Linear>>, otherwise: f32| {
+            let samples = match layer {
+                Some(layer) => {
+                    let pixels = layer.samples.chunks_exact(layer.channels);
+                    pixels.flat_map(|pixel| pixel.iter().take(3)).copied().collect()
+                }
+                None => vec![otherwise; 3 * size.0 * size.1],
+            };
+            Picture::from(Image::<Data>::from_samples(size.0, size.1, 3, samples))
+        };
+        let named = |picture: Picture| NamedImage { name: name.to_owned(), picture };
+        self.shadow.push(named(data(&layers.shadow, 1.0)));
+        self.added.push(named(data(&layers.added, 0.0)));
+        self.object.push(named(layers.object.clone().into()));
+    }
+}
+
+impl Composite {
+    /// True if the layers are used as they come.
+    fn keeps_layers(&self) -> bool {
+        self.sharpness == Sharpness::Keep && self.grain == Grain::Keep && self.gain() == [1.0; 3]
+    }
+
+    /// Factors for red, green and blue of the objects.
+    fn gain(&self) -> [f64; 3] {
+        self.object_tint.map(|tint| num::f64::exp2(self.object_stops) * tint)
+    }
+
+    /// Multiplies the colours of the objects by `gain`.
+    fn expose(&self, object: &mut Cow<'_, Image<Linear>>) {
+        let gain = self.gain();
+        if gain == [1.0; 3] {
+            return;
+        }
+        let object = object.to_mut();
+        let channels = object.channels;
+        for pixel in object.samples.chunks_exact_mut(channels) {
+            pixel.iter_mut().zip(gain).for_each(|(v, gain)| *v = (f64::from(*v) * gain) as f32);
+        }
+    }
+
+    fn blur_reason(&self) -> &'static str {
+        if self.sharpness == Sharpness::Match { ", to match the background" } else { "" }
+    }
+}
+
+/// Adds a note about the grain of each view, in display values.
+fn report_grain(grains: &[Option<[f64; 3]>], notes: &mut Notes) {
+    let unknown = grains.iter().filter(|grain| grain.is_none()).count() as u64;
+    notes.count(
+        "grain-unknown",
+        unknown,
+        "of the views have too few free pixels around the objects to measure grain, so the objects get none",
+    );
+    let all = || grains.iter().flatten();
+    if all().next().is_some() {
+        let most = [0, 1, 2].map(|c| 100.0 * all().map(|grain| grain[c]).fold(0.0, f64::max));
+        let [r, g, b] = most;
+        let text = format!(
+            "the objects get grain with standard deviations of up to {r:.2}, {g:.2} and {b:.2} % of white (display values of red, green, blue), to match the background"
+        );
+        notes.decision("grain", text);
     }
 }
 
@@ -257,189 +402,4 @@ fn factors(picture: &Picture, port: &'static str) -> Result<Image<Linear>, NodeE
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use scene::types::Srgb;
-    use testing::{context, row};
-
-    fn one(picture: impl Into<Picture>) -> Arc<Images> {
-        Arc::new(Images::single("v", picture))
-    }
-
-    fn run(backdrop: Option<[f64; 3]>, b: Picture, o: [f32; 4], s: [f32; 3]) -> Vec<f32> {
-        let inputs = In {
-            background: one(b),
-            object: one(Image::<Linear>::from_samples(1, 1, 4, o.to_vec())),
-            shadow: Some(one(Image::<Data>::from_samples(1, 1, 3, s.to_vec()))),
-            added: None,
-            front: None,
-            variance: None,
-        };
-        let (out, _) = Composite::run(&Composite { backdrop, ..Composite::default() }, inputs, &context())
-            .expect("runs");
-        out.image.0[0].picture.samples().to_vec()
-    }
-
-    fn rgb(c: [f32; 3]) -> Picture {
-        Image::<Linear>::from_samples(1, 1, 3, c.to_vec()).into()
-    }
-
-    /// The background stays the same bit for bit if there is no shadow.
-    #[test]
-    fn full_and_empty_masks_are_exact() {
-        let (b, s) = ([0.1, 0.7, 3.3], [0.25, 0.5, 1.0]);
-        assert_eq!(run(Some([0.0; 3]), rgb(b), [0.0; 4], s), [0.1 * 0.25, 0.7 * 0.5, 3.3]);
-        assert_eq!(run(Some([0.0; 3]), rgb(b), [0.0; 4], [1.0; 3]), b);
-        assert_eq!(run(Some([0.0; 3]), rgb(b), [0.2, 0.3, 0.001, 1.0], s), [0.2, 0.3, 0.001]);
-    }
-
-    /// An object pixel whose alpha is 0 adds its light to the background, as a glow does.
-    #[test]
-    fn glow_is_added() {
-        assert_eq!(run(None, rgb([0.5; 3]), [0.25, 0.0, 0.0, 0.0], [1.0; 3]), [0.75, 0.5, 0.5]);
-    }
-
-    /// A premultiplied object gives the same result as the formula for straight alpha.
-    #[test]
-    fn premultiplied_is_straight_times_alpha() {
-        let (b, colour) = (0.4_f32, 0.7_f32);
-        let error = (0..=20).map(|k| {
-            let alpha = k as f32 / 20.0;
-            let ours = run(None, rgb([b; 3]), [colour * alpha, 0.0, 0.0, alpha], [0.5; 3])[0];
-            f64::from((ours - (b * 0.5 * (1.0 - alpha) + colour * alpha)).abs())
-        });
-        row(58, "difference of premultiplied and straight", error.fold(0.0, f64::max), 1e-6);
-    }
-
-    /// Holes show the backdrop or stay transparent, and the alpha of the result is given by the "over" operator.
-    #[test]
-    fn holes_show_the_backdrop_or_stay_open() {
-        let half: Picture = Image::<Linear>::from_samples(1, 1, 4, vec![0.2, 0.2, 0.2, 0.5]).into();
-        let over = run(Some([1.0, 0.0, 0.0]), half.clone(), [0.0; 4], [0.5; 3]);
-        assert_eq!(over, [0.6, 0.1, 0.1]);
-        let open = run(None, half, [0.1, 0.1, 0.1, 0.5], [1.0; 3]);
-        assert_eq!(open, [0.2, 0.2, 0.2, 0.75]);
-    }
-
-    // Half-covered display-encoded pixels are decoded at their own colour, not at the colour darkened by alpha.
-    #[test]
-    fn encoded_colour_is_unpremultiplied_before_decoding() {
-        let b: Picture = Image::<Srgb>::from_samples(1, 1, 4, vec![0.25, 0.25, 0.25, 0.5]).into();
-        let out = run(Some([0.0; 3]), b, [0.0; 4], [1.0; 3]);
-        assert!((out[0] - 0.5 * scene::math::color::linear_from_srgb(0.5)).abs() < 1e-7);
-    }
-
-    // Added light falls behind the object, and the result never goes below 0.
-    #[test]
-    fn light_is_added_under_the_object() {
-        let data = |v: [f32; 3]| Some(one(Image::<Data>::from_samples(1, 1, 3, v.to_vec())));
-        let inputs = In {
-            background: one(rgb([0.5; 3])),
-            object: one(Image::<Linear>::from_samples(1, 1, 4, vec![0.1, 0.1, 0.1, 0.5])),
-            shadow: data([0.5; 3]),
-            added: data([0.25, 0.0, -9.0]),
-            front: None,
-            variance: None,
-        };
-        let (out, _) =
-            Composite::run(&Composite { backdrop: None, ..Composite::default() }, inputs, &context())
-                .expect("runs");
-        let expected = [0.5 * 0.5 + 0.1, 0.25 * 0.5 + 0.1, 0.1];
-        assert_eq!(out.image.0[0].picture.samples(), expected);
-    }
-
-    // The front layer covers the object by its alpha; elsewhere the background already contains it.
-    #[test]
-    fn the_front_is_laid_over_the_object_only() {
-        let over = |alpha: f32, f: f32| {
-            let inputs = In {
-                background: one(rgb([0.5; 3])),
-                object: one(Image::<Linear>::from_samples(1, 1, 4, vec![0.8 * alpha, 0.0, 0.0, alpha])),
-                shadow: None,
-                added: None,
-                front: Some(one(Image::<Linear>::from_samples(1, 1, 4, vec![0.0, 0.3 * f, 0.0, f]))),
-                variance: None,
-            };
-            let (out, _) =
-                Composite::run(&Composite { backdrop: None, ..Composite::default() }, inputs, &context())
-                    .expect("runs");
-            out.image.0[0].picture.samples().to_vec()
-        };
-        assert_eq!(over(1.0, 0.0), [0.8, 0.0, 0.0]);
-        assert_eq!(over(1.0, 1.0), [0.0, 0.3, 0.0]);
-        assert_eq!(over(0.0, 1.0), [0.5; 3]);
-        assert_eq!(over(1.0, 0.5), [0.4, 0.15, 0.0]);
-        assert_eq!(over(0.5, 1.0), [0.25, 0.25 + 0.15, 0.25]);
-    }
-
-    // The shadow and the light of objects fall on the background behind a railing, not on the railing, and the
-    // front layer is limited to what the background contains.
-    #[test]
-    fn what_is_in_front_stands_in_no_shadow() {
-        let data = |v: f32| Some(one(Image::<Data>::from_samples(1, 1, 3, vec![v; 3])));
-        let railing = |f: [f32; 4], shadow: f32, added: f32| {
-            let inputs = In {
-                background: one(rgb([0.5; 3])),
-                object: one(Image::<Linear>::new(1, 1, 4)),
-                shadow: data(shadow),
-                added: data(added),
-                front: Some(one(Image::<Linear>::from_samples(1, 1, 4, f.to_vec()))),
-                variance: None,
-            };
-            let (out, _) =
-                Composite::run(&Composite { backdrop: None, ..Composite::default() }, inputs, &context())
-                    .expect("runs");
-            out.image.0[0].picture.samples()[0]
-        };
-        assert_eq!(railing([0.125, 0.125, 0.125, 0.5], 0.5, 0.0), 0.375 * 0.5 + 0.125);
-        assert_eq!(railing([0.5, 0.5, 0.5, 1.0], 0.0, 9.0), 0.5);
-        assert_eq!(railing([0.7, 0.7, 0.7, 0.9], 0.1, 0.0), 0.5);
-        assert_eq!(railing([0.1, 0.1, 0.1, 0.3], 1.0, 0.0), 0.5);
-        assert_eq!(railing([0.25, 0.25, 0.25, 0.5], 1.0, -9.0), 0.25);
-    }
-
-    // The object covers half of the pixel, so half of the error of the background's ratio remains. The error of the
-    // object is added, reduced by a quarter because of the front layer.
-    #[test]
-    fn the_error_is_that_of_the_ratio_and_of_the_object() {
-        let data = |v: Vec<f32>| one(Image::<Data>::from_samples(1, 1, v.len(), v));
-        let inputs = |variance| In {
-            background: one(rgb([0.8; 3])),
-            object: one(Image::<Linear>::from_samples(1, 1, 4, vec![0.1, 0.1, 0.1, 0.5])),
-            shadow: Some(data(vec![0.5; 3])),
-            added: None,
-            front: Some(one(Image::<Linear>::from_samples(1, 1, 4, vec![0.0, 0.0, 0.0, 0.25]))),
-            variance,
-        };
-        let run = |variance| {
-            Composite::run(
-                &Composite { backdrop: None, ..Composite::default() },
-                inputs(variance),
-                &context(),
-            )
-        };
-        let error = |variance| run(variance).expect("runs").0.error.0[0].picture.samples()[0];
-        let reported = data(vec![9.0, 9.0, 0.04, 0.09]);
-        let expected = (0.12_f32 * 0.12 + 0.15 * 0.15).sqrt();
-        assert!((error(Some(reported)) - expected).abs() < 1e-6);
-        assert_eq!(error(None), 0.0);
-        let wrong = run(Some(data(vec![0.0; 3]))).err().expect("channels");
-        assert!(wrong.message().contains("but has 3"), "{wrong}");
-    }
-
-    #[test]
-    fn views_of_another_size_are_refused() {
-        let inputs = In {
-            background: one(Image::<Linear>::new(2, 1, 3)),
-            object: one(Image::<Linear>::new(1, 1, 4)),
-            shadow: None,
-            added: None,
-            front: None,
-            variance: None,
-        };
-        let error = Composite::run(&Composite { backdrop: None, ..Composite::default() }, inputs, &context())
-            .err()
-            .expect("sizes");
-        assert!(error.message().contains("1x1"), "{error}");
-    }
-}
+mod tests;

@@ -77,7 +77,7 @@ fn edge_width(line: &[f32; 2 * REACH + 1]) -> Option<f64> {
 
 /// Bounding box of the covered pixels, grown by its own size on each side: `[x0, y0, x1, y1]`, the last two
 /// exclusive. `None` if no pixel is covered.
-fn surroundings(object: &Image<Linear>) -> Option<[usize; 4]> {
+pub(super) fn surroundings(object: &Image<Linear>) -> Option<[usize; 4]> {
     if object.channels != 4 {
         return Some([0, 0, object.width, object.height]);
     }
