@@ -55,6 +55,7 @@ pub fn registry() -> Registry {
 /// The table of the kinds of this crate.
 fn built_in() -> Registry {
     Registry::new(vec![
+        KindEntry::of::<adjust_light::AdjustLight>(),
         KindEntry::of::<alpha_shadow::AlphaShadow>(),
         KindEntry::of::<bake_shadow::BakeShadow>(),
         KindEntry::of::<camera::Camera>(),
@@ -70,6 +71,7 @@ fn built_in() -> Registry {
         KindEntry::of::<fit_probe::FitProbe>(),
         KindEntry::of::<fuse_hdr::FuseHdr>(),
         KindEntry::of::<join_reports::JoinReports>(),
+        KindEntry::of::<lamp::Lamp>(),
         KindEntry::of::<load_cameras::LoadCameras>(),
         KindEntry::of::<load_environment::LoadEnvironment>(),
         KindEntry::of::<load_image::LoadImage>(),

@@ -40,7 +40,19 @@ const STAGES: [(&str, &[&str]); 7] = [
         ],
     ),
     ("place", &["camera", "cube-rig", "fit-probe", "pick-cameras", "place", "pose", "snap"]),
-    ("light", &["fit-lights", "fuse-hdr", "predict-exposure", "score-env", "splat-panorama", "stitch"]),
+    (
+        "light",
+        &[
+            "adjust-light",
+            "fit-lights",
+            "fuse-hdr",
+            "lamp",
+            "predict-exposure",
+            "score-env",
+            "splat-panorama",
+            "stitch",
+        ],
+    ),
     (
         "render",
         &[

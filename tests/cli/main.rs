@@ -12,6 +12,7 @@ mod kill;
 mod layers;
 mod messages;
 mod names;
+mod nuke;
 mod other_tools;
 mod photos;
 #[cfg(unix)]

@@ -4,8 +4,8 @@
   colour.py LIGHTHARMONY [BLENDER_CONFIG]
 
 Needs the PyPI packages `opencolorio`, `OpenEXR` and `numpy`. BLENDER_CONFIG is `config.ocio` of Blender 4 (in the PyPI package `bpy`:
-`bpy/4.5/datafiles/colormanagement/config.ocio`). Everything passes through graphs and files, as for a user. Prints the table of
-docs/evidence/colour.md: the largest and the median difference over 4,096 colours.
+`bpy/4.5/datafiles/colormanagement/config.ocio`). Everything passes through graphs and files, as for a user. Prints the tables of
+docs/evidence/colour.md: differences over 4,096 colours.
 """
 import pathlib
 import subprocess
@@ -80,13 +80,55 @@ def main():
             run('a: LoadImage(path: "there.exr"), b: WriteExr(image: "a", path: "back.exr")', place)
             size = light.max(axis=1, keepdims=True)
             row(f"{encoding} and back, relative", read(place / "back.exr"), light.astype(np.float64), size)
-        if len(sys.argv) > 2:
-            blender = ocio.Config.CreateFromFile(sys.argv[2])
-            for view, space in [("AgX", "AgX Base sRGB"), ("PbrNeutral", "Khronos PBR Neutral sRGB")]:
-                run(f'a: LoadImage(path: "in.exr"), b: WriteImage(image: "a", path: "shown.png", bits: 16, view: {view})', place)
-                run('a: LoadImage(path: "shown.png", encoding: Data), b: WriteExr(image: "a", path: "shown.exr")', place)
-                other = applied(blender.getProcessor("Linear Rec.709", space), light)
-                row(f"{view} and Blender, of the display's range", read(place / "shown.exr"), other.clip(0, 1), 1.0)
+        views(place, rng, ocio.Config.CreateFromFile(sys.argv[2]) if len(sys.argv) > 2 else None)
+
+
+def shown(place, light, view):
+    """Codes of a view transform, through a PNG of 16 bits, which rounds to 8e-6."""
+    write(place / "in.exr", light)
+    run(f'a: LoadImage(path: "in.exr"), b: WriteImage(image: "a", path: "shown.png", bits: 16, view: {view})', place)
+    run('a: LoadImage(path: "shown.png", encoding: Data), b: WriteExr(image: "a", path: "shown.exr")', place)
+    return read(place / "shown.exr")
+
+
+def views(place, rng, blender):
+    print("\n| transform | compared with | colours | median | 95 % | largest |\n|---|---|---|---|---|---|")
+
+    def compare(name, other_name, what, view, light, other, mask=None):
+        off = np.abs(shown(place, light, view) - other.clip(0, 1)).max(axis=1)
+        off = off if mask is None else off[mask]
+        print(f"| {name} | {other_name} | {len(off):,} {what} | {np.median(off):.0e} | {np.quantile(off, 0.95):.0e} | {off.max():.1e} |")
+
+    count = SIDE * SIDE
+    inside = np.exp(rng.uniform(-6, 3, (count, 3)))
+    # One or two components are negative, down to -20 % of the largest.
+    outside = inside.copy()
+    for index, channel in enumerate(rng.integers(0, 3, count)):
+        outside[index, channel] = -rng.uniform(0, 0.2) * inside[index].max()
+    to_aces = ocio.BuiltinTransform("UTILITY - ACES-AP0_to_LINEAR-REC709_BFD", ocio.TRANSFORM_DIR_INVERSE)
+    group = ocio.GroupTransform([to_aces, ocio.BuiltinTransform("ACES-OUTPUT - ACES2065-1_to_CIE-XYZ-D65 - SDR-100nit-REC709_2.0"),
+                                 ocio.BuiltinTransform("DISPLAY - CIE-XYZ-D65_to_sRGB")])
+    aces = ocio.Config.CreateRaw().getProcessor(group)
+    greys = np.repeat(inside[:, :1], 3, axis=1)
+    for what, light in (("greys", greys), ("in Rec.709", inside), ("outside", outside)):
+        compare("ACES 2.0", f"OpenColorIO {ocio.__version__}", what, "Aces", light, applied(aces, light))
+    hable = lambda x: (x * (0.15 * x + 0.05) + 0.004) / (x * (0.15 * x + 0.5) + 0.06) - 0.02 / 0.3
+    display = (hable(np.minimum(2 * inside, 11.2)) / hable(11.2)).clip(0, 1)
+    codes = np.where(display <= 0.0031308, 12.92 * display, 1.055 * display ** (1 / 2.4) - 0.055)
+    compare("Filmic", "the published formula", "in Rec.709", "Filmic", inside, codes)
+    if blender is None:
+        return
+    # Entries of the table of AgX, which has 57 per edge: 25 stops in E-Gamut from 2^-12.47393.
+    entries = 2 ** (rng.integers(16, 40, (count, 3)) / 56 * 25 - 12.47393)
+    entries = applied(blender.getProcessor("Linear FilmLight E-Gamut", "Linear Rec.709"), entries)
+    is_inside = (entries > 0).all(axis=1)
+    softer = np.exp(rng.uniform(-5, 2, (count, 3)))
+    agx = applied(blender.getProcessor("Linear Rec.709", "AgX Base sRGB"), entries)
+    compare("AgX", "Blender, at entries of its table", "in Rec.709", "AgX", entries, agx, is_inside)
+    compare("AgX", "the same", "outside", "AgX", entries, agx, ~is_inside)
+    for name, view, space in [("AgX", "AgX", "AgX Base sRGB"), ("PBR Neutral", "PbrNeutral", "Khronos PBR Neutral sRGB")]:
+        other = applied(blender.getProcessor("Linear Rec.709", space), softer)
+        compare(name, "Blender, interpolated", "in Rec.709", view, softer, other)
 
 
 main()

@@ -3,6 +3,7 @@
 //! A kind holds its documentation, parameters, ports, code and unit tests. No kind imports another. Code that
 //! several kinds need is in the crates `render` and `scene`.
 
+pub mod adjust_light;
 pub mod alpha_shadow;
 pub mod bake_shadow;
 pub mod camera;
@@ -18,6 +19,7 @@ pub mod fit_lights;
 pub mod fit_probe;
 pub mod fuse_hdr;
 pub mod join_reports;
+pub mod lamp;
 pub mod load_cameras;
 pub mod load_environment;
 pub mod load_image;

@@ -279,9 +279,8 @@ fn of_tiff(
     report_ignored(&picture.ignored, notes);
     let Tiff { width, height, channels, samples, floats, premultiplied, .. } = picture;
     let alpha = channels.is_multiple_of(2);
-    let (channels, samples) = if encoding == FileEncoding::Data {
-        (channels, samples)
-    } else if channels == 3 || channels == 4 && premultiplied {
+    let stays = encoding == FileEncoding::Data || channels == 3 || (channels == 4 && premultiplied);
+    let (channels, samples) = if stays {
         (channels, samples)
     } else {
         let mut colours = Vec::with_capacity(width * height * if alpha { 4 } else { 3 });
