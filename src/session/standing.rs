@@ -66,6 +66,7 @@ pub struct Standing {
     /// Metres per unit that the user has set, in place of the scale of `stand`.
     pub chosen_scale: Option<f64>,
     /// True if the format of the file defines an up axis.
+    #[cfg(feature = "serve")]
     pub is_declared: bool,
 }
 
@@ -195,6 +196,7 @@ impl Standing {
             camera_matrix,
             stand,
             chosen_scale: None,
+            #[cfg(feature = "serve")]
             is_declared: declared.is_some(),
         })
     }

@@ -25,7 +25,7 @@ export function show(element, ...children) {
   element.replaceChildren(...children.flat(Infinity).filter((child) => child !== null && child !== undefined && child !== false));
 }
 
-// True on a screen with so many pixels that lengths in pixels must be larger.
+// True on a screen that is at least 2600 pixels wide, where lengths in pixels must be larger.
 export const large = () => matchMedia("(min-width: 2600px)").matches;
 
 // Calls `f` at most once per frame of the display.

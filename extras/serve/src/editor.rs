@@ -10,6 +10,7 @@ use engine::{Diagnostics, Graph, GraphText, Mistake, Role, Source, Step, TextEdi
 use serde::{Deserialize, Serialize};
 
 use crate::history::History;
+use crate::names::{instances, is_block, unshadowed};
 use crate::save::{SaveError, replace};
 use crate::track;
 
@@ -177,15 +178,17 @@ impl Editor {
         for one in &all {
             text = changed(graph, &edit.node, one, &text)?;
             let shadowed = GraphText::new(&old).field(&edit.node, &one.field);
-            if let Some(span) = shadowed.filter(|_| !tried.contains(&one.field)) {
+            let is_free = tried.contains(&one.field) || is_block(graph, &edit.node, &one.field);
+            if let Some(span) = shadowed.filter(|_| !is_free) {
                 refuse_hidden(graph, &edit.node, &one.field, &span, old.len())?;
             }
             let dot = if label.is_empty() { "" } else { ", " };
             label = label + dot + &one.label(&edit.node);
         }
         let graph = checked(graph, &text)?;
-        let document = GraphText::new(&text);
         let whole = |one: &&FieldEdit| {
+            let shown = unshadowed(&graph, &edit.node, &one.field, &text);
+            let document = GraphText::new(&shown);
             let span = one.value.as_ref().and_then(|_| document.field(&edit.node, &one.field));
             (one.field.clone(), span.map(|span| text[span].to_owned()))
         };
@@ -309,7 +312,8 @@ pub fn fixed(why: String) -> Refused {
 fn changed(graph: &Graph, node: &str, edit: &FieldEdit, text: &str) -> Result<String, Refused> {
     let FieldEdit { field, at, value } = edit;
     may_edit(graph, node, field)?;
-    let document = GraphText::new(text);
+    let shown = unshadowed(graph, node, field, text);
+    let document = GraphText::new(&shown);
     let steps: Vec<Step> = at.iter().map(At::step).collect();
     let change = match value {
         Some(value) if value.len() > MAX_VALUE => {
@@ -360,21 +364,13 @@ impl At {
     }
 }
 
-/// The nodes of the graph that one node of the file defines: one node, or one instance for each combination of axis
-/// values.
-fn instances<'g>(graph: &'g Graph, name: &str) -> impl Iterator<Item = usize> + use<'g> {
-    let name = name.to_owned();
-    let is = move |node: &engine::Node| {
-        node.id == name || !node.point.is_empty() && node.id.split('/').next() == Some(name.as_str())
-    };
-    graph.nodes.iter().enumerate().filter(move |(_, node)| is(node)).map(|(index, _)| index)
-}
-
 /// Refuses fields that are wires or paths.
 fn may_edit(graph: &Graph, name: &str, field: &str) -> Result<(), Refused> {
+    if is_block(graph, name, field) {
+        return Ok(());
+    }
     let Some(index) = instances(graph, name).next() else {
-        let is_block = matches!(name, "scene" | "parameters");
-        return if is_block { Ok(()) } else { Err(TextEditError::NoNode(name.to_owned()).into()) };
+        return Err(TextEditError::NoNode(name.to_owned()).into());
     };
     let kind = &graph.nodes[index].kind;
     match kind.params.iter().find(|param| param.name == field) {

@@ -53,6 +53,7 @@ mod graphs;
 mod ground;
 mod history;
 mod live;
+mod names;
 mod near;
 mod packed;
 mod page;

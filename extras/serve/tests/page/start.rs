@@ -12,9 +12,9 @@ const BARE: &str = r#"Graph(
     version: 1,
     scene: (up: "-y", metres_per_unit: 1.0), // a guess
     nodes: (
-        demo:   LoadSplats(path: "demo.ply"),
+        scene:  LoadSplats(path: "demo.ply"),
         camera: Camera(eye: (2.0, -2.5, 1.2), target: (0.0, 0.0, 0.2), width_px: 32, height_px: 18),
-        view:   SplatRender(splats: "demo.splats", rig: "camera"),
+        view:   SplatRender(splats: "scene", rig: "camera"),
         save:   WriteImage(image: "view.colour", path: "view.png"),
     ),
 )
@@ -50,7 +50,7 @@ impl Starter for Noted {
         let pose = "pose: Pose(translation: (0.0, 0.0, 0.5)),";
         Ok(BARE
             .replace("up: \"-y\", metres_per_unit: 1.0", &scene)
-            .replace("demo:  ", &format!("{pose} demo:  ")))
+            .replace("camera: ", &format!("{pose} camera: ")))
     }
 
     fn turned(&self, now: &Graph, up: &str) -> Result<String, String> {
