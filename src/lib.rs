@@ -32,7 +32,8 @@
 //! }
 //! ```
 //! `docs/own-kinds.md` of the repository describes a whole crate, with a type of value and tests, and states which
-//! interfaces are stable.
+//! interfaces are stable. The documentation of [`engine::Kind`], [`engine::Artifact`], [`engine::OutputFile`] and
+//! [`engine::Notes`] has more examples.
 
 mod commands;
 mod program;
@@ -44,3 +45,8 @@ pub use nodes;
 pub use program::Program;
 pub use render;
 pub use scene;
+
+// The programs of the page, as tests of the documentation.
+#[cfg(doctest)]
+#[doc = include_str!("../docs/own-kinds.md")]
+mod own_kinds_page {}

@@ -7,6 +7,9 @@ use engine::{Kind, KindEntry};
 use crate::{commands, session, terminal};
 
 /// A program with the command line of `lightharmony`, the kinds of [`nodes`], and more kinds.
+///
+/// The documentation of the crate has an example. The type is used once, in `main`:
+/// `Program::new().with::<MyKind>().run()`.
 #[derive(Debug, Default)]
 pub struct Program {
     kinds: Vec<fn() -> KindEntry>,
