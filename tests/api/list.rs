@@ -125,7 +125,7 @@ pub fn describe(place: &Module, name: &str) -> Vec<String> {
             Item::Const(one) if one.ident == name => lines.push(format!("const {name}: {}", code(&one.ty))),
             Item::Fn(one) if one.sig.ident == name => lines.push(signature(&one.sig)),
             Item::Type(one) if one.ident == name => {
-                lines.push(format!("type{} = {}", code(&one.generics), code(&one.ty)))
+                lines.push(format!("type{} = {}", code(&one.generics), code(&one.ty)));
             }
             Item::Struct(one) if one.ident == name => {
                 let head = format!("struct{}", code(&one.generics));

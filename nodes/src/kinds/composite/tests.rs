@@ -244,15 +244,7 @@ fn the_formula_on_the_layers_as_used_gives_the_picture() {
         (true, Composite { sharpness: Sharpness::Blur, blur_px: 2.5, ..settings.clone() }),
         (true, Composite { grain: Grain::Match, ..settings.clone() }),
         (true, Composite { object_stops: -1.0, object_tint: [1.0, 0.8, 0.5], ..settings.clone() }),
-        (
-            true,
-            Composite {
-                sharpness: Sharpness::Match,
-                grain: Grain::Match,
-                object_stops: 0.5,
-                ..settings.clone()
-            },
-        ),
+        (true, Composite { sharpness: Sharpness::Match, grain: Grain::Match, object_stops: 0.5, ..settings }),
     ] {
         let [image, object, shadow, ..] = layers(&p);
         let rebuilt = |object: &[f32], shadow: &[f32]| {

@@ -48,7 +48,7 @@ impl<'a> Plate<'a> {
     }
 }
 
-/// What `stored` must be.
+/// Requirement on the input `stored`, for messages.
 pub(super) const STORED: &str = "`stored` is a `LoadImage` of the file of the plate with `encoding: Data`, and its numbers must be in the space of `encoding`";
 
 /// Largest difference between stored colours and those that are converted from the working space, as a share of the

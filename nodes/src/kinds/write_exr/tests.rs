@@ -164,7 +164,7 @@ fn a_default_layer_stands_next_to_named_ones() {
     ];
     assert_eq!(names, wanted);
     assert_eq!(back.find("G"), back.find("object.G"));
-    let few = run(&node(&["object"]), In { image, ..of_layers(layers) }).err().expect("names");
+    let few = run(&node(&["object"]), In { image, ..of_layers(layers) }).expect_err("names");
     assert!(few.message().contains("names: 1, layers: 3"), "{few}");
 }
 
@@ -186,7 +186,7 @@ fn the_camera_is_in_the_header() {
     let numbers: Vec<f32> = numbers.map(|number| f32::from_le_bytes(*number)).collect();
     assert_eq!(numbers, CameraMatrices::of(&rig(3).cameras[0]).world_to_ndc);
     let inputs = In { rig: Some(rig(4)), ..of_layers(vec![colour()]) };
-    let wrong = run(&node(&["O"]), inputs).err().expect("another size");
+    let wrong = run(&node(&["O"]), inputs).expect_err("another size");
     assert!(wrong.message().contains("4x2 pixels, but the pictures have 3x2"), "{wrong}");
     let mut other = Arc::unwrap_or_clone(rig(3));
     other.cameras = vec![
@@ -194,7 +194,7 @@ fn the_camera_is_in_the_header() {
         Camera { name: "b".to_owned(), ..other.cameras[0].clone() },
     ];
     let inputs = In { rig: Some(Arc::new(other)), ..of_layers(vec![colour()]) };
-    let wrong = run(&node(&["O"]), inputs).err().expect("another name");
+    let wrong = run(&node(&["O"]), inputs).expect_err("another name");
     assert!(wrong.message().contains("no camera `v`; its cameras are a, b"), "{wrong}");
 }
 
@@ -242,6 +242,6 @@ fn a_plate_returns_with_the_numbers_of_its_file() {
     assert!(differ == 1 && found[21..24] != bits[21..24]);
     assert!(notes.iter().any(|note| note.text.ends_with("plate: 399")));
     // The numbers of another space.
-    let wrong = written(&linear, Some((&linear[..], &linear[..]))).err().expect("another space");
+    let wrong = written(&linear, Some((&linear[..], &linear[..]))).expect_err("another space");
     assert!(wrong.message().contains("but `stored` is"), "{wrong}");
 }

@@ -227,7 +227,7 @@ fn maps_rotate_and_mirror_with_the_panorama() {
 
 /// Weights of the largest f16 give finite shares and a correction within its limits.
 #[test]
-fn the_largest_weights_stay_finite() {
+fn weights_of_any_size_give_finite_light() {
     let mut correction = correction();
     let largest = |(_, inputs, outputs): &(&str, usize, usize)| {
         (vec![65504.0; inputs * outputs], vec![-65504.0; *outputs])
