@@ -32,8 +32,9 @@ impl User {
 
     /// Watches the graph until its first picture is finished, and then closes standard input. Returns all events.
     fn watch(&self, arguments: &[&str]) -> RunLog {
-        let mut command =
-            self.0.command(&[&["watch", "graph.ron", "--json", "--stop-at-eof"], arguments].concat());
+        let mut command = self.0.command(
+            &[&["watch", "graph.ron", "--json", "--stop-at-eof", "--no-preview"], arguments].concat(),
+        );
         command.env("XDG_CONFIG_HOME", self.0.path("config")).env_remove("LIGHTHARMONY_REMOTE");
         let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
         let mut input = child.stdin.take();

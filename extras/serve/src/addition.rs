@@ -225,7 +225,13 @@ mod tests {
     use super::*;
 
     fn parsed(text: &str) -> Graph {
-        let root = SourceRoot::new(Path::new("."));
+        // A graph is sound only if its files exist.
+        let folder = tempfile::tempdir().expect("a folder");
+        std::fs::create_dir(folder.path().join("in")).expect("a folder");
+        for file in ["m.obj", "a.glb", "b.glb", "s.hdr", "in/Cone.glb"] {
+            std::fs::write(folder.path().join(file), "").expect("writes");
+        }
+        let root = SourceRoot::new(folder.path());
         let source = Source::new("graph.ron".to_owned(), text.to_owned());
         Graph::parse(source, &nodes::registry(), root)
             .unwrap_or_else(|all| panic!("{}\n{text}", all.render(false)))
