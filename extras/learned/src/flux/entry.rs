@@ -19,7 +19,7 @@ pub struct Entry {
     pub shape: Vec<usize>,
     /// Format in which the numbers are stored.
     pub format: Format,
-    /// Index of the file that contains the tensor, among the files of the [`Source`].
+    /// Index of the file that contains the tensor, among the files of the [`Source`](super::Source).
     pub(crate) file: usize,
     /// Offset of the data from the start of the file, in bytes.
     pub(crate) start: u64,

@@ -57,7 +57,7 @@ pub struct Predicted {
 /// error, but hidden light is predicted less often for panoramas that have none.
 const CAUTION: f64 = 0.1;
 
-/// Hidden flux after lowering the ratio of total to visible flux by [`CAUTION`] stops; at least 0.
+/// Hidden flux after lowering the ratio of total to visible flux by a tenth of a stop; at least 0.
 pub fn cautious(hidden: f64, visible: f64) -> f64 {
     (visible * ((1.0 + hidden / visible) * num::f64::exp2(-CAUTION) - 1.0)).max(0.0)
 }
