@@ -29,7 +29,7 @@ fn files() -> String {
         ("width_px: 2048", "width_px: 64"),
         ("samples: 64", "samples: 4"),
         ("method: Learned", "method: Region"),
-        ("sharpness: Match", "sharpness: Blur, blur_px: 1.5"),
+        ("sharpness: Match", "sharpness: Blur, blur_px: 0.5"),
     ];
     loaders.iter().fold(text.to_owned(), |text, (from, to)| {
         assert!(text.contains(from), "graphs/files.ron has no {from}");
@@ -52,8 +52,7 @@ fn layers_of_the_own_capture_compose_to_its_picture() {
     let (layers, picture) = (read(&outputs["layers.exr"]), read(&outputs["final.exr"]));
     let of = |name: &str| layers.find(name).unwrap_or_else(|| panic!("no {name}"));
     let alpha = of("object.A");
-    let most = alpha.iter().copied().fold(0.0, f32::max);
-    assert!(most > 0.8 && alpha.contains(&0.0), "{most}");
+    assert!(alpha.iter().any(|a| *a > 0.99) && alpha.contains(&0.0));
     let script = Script::new(include_str!("../../graphs/composite.nk"));
     let mut darkened = 0;
     let front_alpha = of("front.A");
@@ -74,9 +73,7 @@ fn layers_of_the_own_capture_compose_to_its_picture() {
             darkened += usize::from(shadow[i] < 0.9);
         }
     }
-    let most = |name: &str| of(name).iter().copied().fold(0.0, f32::max);
-    let masks = ["in_shadow", "in_object"].map(most);
-    assert!(darkened > 50 && masks[1] > 0.5, "{darkened} {masks:?}");
+    assert!(darkened > 100 && of("in_shadow").contains(&1.0) && of("in_object").contains(&1.0));
     // The edge of the object is soft.
     assert!(alpha.iter().filter(|a| (0.01..0.99).contains(*a)).count() > 30);
     for name in ["depth.Z", "normal.X", "normal.Y", "normal.Z"] {

@@ -2,12 +2,10 @@
 
 use std::sync::Arc;
 
-use cache::Digest;
 use engine::{Context, Kind, Scene, Up};
 use nodes::kinds::compare::{Compare, In};
 use scene::types::{Images, NamedImage, Picture, Report};
 
-use crate::live::Live;
 use crate::values::Weight;
 
 /// A picture of a value: the digest of the value in hexadecimal digits, and the index of the picture in it.
@@ -34,7 +32,7 @@ impl Difference {
     ///
     /// # Errors
     /// A text for the user if the pictures cannot be compared, for instance because their sizes differ.
-    fn of(picture: &Picture, reference: &Picture) -> Result<Self, String> {
+    pub fn of(picture: &Picture, reference: &Picture) -> Result<Self, String> {
         let (a, b) = (picture.size(), reference.size());
         if (a.0, a.1) != (b.0, b.1) {
             return Err(format!("A is {} by {} pixels, and B is {} by {} pixels", a.0, a.1, b.0, b.1));
@@ -57,28 +55,6 @@ impl Difference {
         let flip = out.flip.0.first().map(|image| image.picture.clone());
         let notes = notes.iter().map(|note| note.text.clone()).collect();
         Ok(Self { report: Arc::unwrap_or_clone(out.report), flip, notes })
-    }
-}
-
-/// The digest under which the difference of two pictures is kept.
-fn name(a: &Place, b: &Place) -> Digest {
-    Digest::of(format!("{}/{}/{}/{}", a.0, a.1, b.0, b.1).as_bytes())
-}
-
-impl Live {
-    /// The difference between picture `a` and the reference `b`. `None` if one of them is gone.
-    ///
-    /// # Errors
-    /// A text for the user if the pictures cannot be compared.
-    pub fn difference(&self, a: &Place, b: &Place) -> Option<Result<Arc<Difference>, String>> {
-        let picture = self.value(&a.0)?;
-        let reference = self.value(&b.0)?;
-        let (picture, reference) = (picture.pictures.get(a.1)?, reference.pictures.get(b.1)?);
-        let mut why = None;
-        let found = self.differences.get(&name(a, b), || {
-            Difference::of(&picture.picture, &reference.picture).map_err(|error| why = Some(error)).ok()
-        });
-        Some(found.ok_or_else(|| why.unwrap_or_default()))
     }
 }
 

@@ -8,7 +8,6 @@ use cache::Digest;
 use engine::{Engine, Graph, Source, SourceRoot, Wire, bundle_around};
 use serde::Serialize;
 
-use crate::live::Live;
 use crate::near;
 use crate::values::{SHOWN, Shown};
 
@@ -52,15 +51,15 @@ pub struct Graphs(Mutex<BTreeMap<Digest, OtherPicture>>);
 impl Graphs {
     /// Lists the other graphs in the folder of the watched graph and in its subfolders. Graphs with mistakes, and graphs
     /// without a picture in the cache, are left out. The pictures are those of the graphs as their text is now.
-    pub fn list(&self, live: &Live) -> Vec<Other> {
-        let folder = live.folder();
+    pub fn list(&self, engine: &Engine, watched: &Path) -> Vec<Other> {
+        let folder = watched.parent().unwrap_or(Path::new("."));
         let (mut list, mut known) = (Vec::new(), BTreeMap::new());
         for path in near::files(folder, &["ron"]).into_iter().take(MOST_GRAPHS) {
-            if path == live.path() {
+            if path == watched {
                 continue;
             }
             let Some(graph) = read(&path) else { continue };
-            let pictures: Vec<_> = pictures(&live.engine, &graph);
+            let pictures: Vec<_> = pictures(engine, &graph);
             if !pictures.is_empty() {
                 let entries = pictures.iter().map(|one| (name_of(&graph, one.wire), one.digest.to_string()));
                 list.push(Other { name: near::name(folder, &path), pictures: entries.collect() });

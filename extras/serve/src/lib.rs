@@ -64,6 +64,7 @@ mod routes;
 mod save;
 mod starter;
 mod state;
+mod surface;
 mod thing;
 mod thinned;
 mod track;

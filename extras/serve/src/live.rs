@@ -10,7 +10,7 @@ use serde::Deserialize;
 use serde_json::{Value, json};
 use tokio::sync::broadcast;
 
-use crate::difference::Difference;
+use crate::difference::{Difference, Place};
 use crate::door::Door;
 use crate::editor::{Edit, Edited, Editor, OTHER, Refused, SharedGraph, digest_of, fixed};
 use crate::graphs::Graphs;
@@ -396,6 +396,22 @@ impl Live {
     /// Folder of the graph.
     pub fn folder(&self) -> &Path {
         self.path.parent().unwrap_or(Path::new("."))
+    }
+
+    /// The difference between picture `a` and the reference `b`. `None` if one of them is gone.
+    ///
+    /// # Errors
+    /// A text for the user if the pictures cannot be compared.
+    pub fn difference(&self, a: &Place, b: &Place) -> Option<Result<Arc<Difference>, String>> {
+        let picture = self.value(&a.0)?;
+        let reference = self.value(&b.0)?;
+        let (picture, reference) = (picture.pictures.get(a.1)?, reference.pictures.get(b.1)?);
+        let name = Digest::of(format!("{}/{}/{}/{}", a.0, a.1, b.0, b.1).as_bytes());
+        let mut why = None;
+        let found = self.differences.get(&name, || {
+            Difference::of(&picture.picture, &reference.picture).map_err(|error| why = Some(error)).ok()
+        });
+        Some(found.ok_or_else(|| why.unwrap_or_default()))
     }
 
     /// Makes the watch read the graph again.

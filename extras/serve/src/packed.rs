@@ -9,6 +9,7 @@ use scene::math::color::{code8, linear_from_srgb, srgb_from_linear};
 use scene::types::{Material, Mesh, Object, Primitive, SplatEncoding, Splats, TextureRef, Wrap};
 use serde_json::{Value, json};
 
+use crate::surface::Surface;
 use crate::thinned::{clustered, sampled};
 
 /// Maximum number of splats that are sent.
@@ -81,19 +82,6 @@ pub fn splats(splats: &Splats, most: usize) -> Vec<u8> {
         packed.0.extend(halves.as_flattened());
     }
     packed.0
-}
-
-/// A mesh of triangles, merged from the parts of a value.
-#[derive(Default)]
-pub struct Surface {
-    /// Positions of the vertices.
-    pub positions: Vec<DVec3>,
-    /// Unit normals; empty if they follow from the triangles.
-    pub normals: Vec<DVec3>,
-    /// Colours, sRGB.
-    pub colours: Vec<[u8; 4]>,
-    /// Indices of the corners.
-    pub triangles: Vec<[u32; 3]>,
 }
 
 impl Surface {

@@ -21,9 +21,10 @@ use crate::editor::{Edit, MAX_VALUE, Refused};
 use crate::events::events;
 use crate::ground::{Ray, ground};
 use crate::live::{Live, Start, Upright};
-use crate::packed::{self, MOST_SPLATS, Surface};
+use crate::packed::{self, MOST_SPLATS};
 use crate::place::place;
 use crate::presets::Choice;
+use crate::surface::Surface;
 use crate::thing::Thing;
 use crate::values::{floats, halves, png};
 use crate::view::view;
@@ -265,7 +266,7 @@ async fn references(State(live): Shared) -> Response {
 }
 
 async fn graphs(State(live): Shared) -> Response {
-    match tokio::task::spawn_blocking(move || live.graphs.list(&live)).await {
+    match tokio::task::spawn_blocking(move || live.graphs.list(&live.engine, live.path())).await {
         Ok(list) => Json(list).into_response(),
         Err(_) => failed("the folder of the graph cannot be read"),
     }

@@ -3,7 +3,7 @@
 use glam::DVec3;
 use scene::types::Splats;
 
-use crate::packed::Surface;
+use crate::surface::Surface;
 
 /// Maximum factor by which the standard deviations of a splat are multiplied.
 const MOST_LARGER: f32 = 4.0;

@@ -173,6 +173,10 @@ impl Kind for WriteExr {
             progress.report(0.0)?;
             let (mut channels, mut encodings) = (Vec::new(), Vec::new());
             let (width, height, _) = view.picture.size();
+            let plate = match (&inputs.plate, &inputs.stored) {
+                (Some(plate), Some(stored)) => Some(Plate::of(&view.name, [plate, stored], (width, height))?),
+                _ => None,
+            };
             for (name, images) in &layers {
                 let other = |what: String| {
                     NodeError::new(what).at("layers").hint("all layers of a file must come from one rig")
@@ -188,12 +192,6 @@ impl Kind for WriteExr {
                         "layer `{name}` is {w}x{h} pixels, but another layer is {width}x{height}"
                     )));
                 }
-                let plate = match (&inputs.plate, &inputs.stored) {
-                    (Some(plate), Some(stored)) => {
-                        Plate::of(&view.name, [plate, stored], (width, height)).map(Some)?
-                    }
-                    _ => None,
-                };
                 kept += add_layer(name, picture, plate.as_ref(), p, &mut channels, progress.part(0.0, 0.0))?;
                 let name = if name.is_empty() { "image" } else { name };
                 let encoding = match p.conversion(picture) {

@@ -100,9 +100,9 @@ engine::outputs! {
         error: Arc<Images>,
         /// The objects as they were used, linear, premultiplied, with alpha.
         object: Arc<Images>,
-        /// The shadow as it was used, as data; 1 everywhere if `shadow` is not wired.
+        /// The shadow as it was used; empty if `shadow` is not wired.
         shadow: Arc<Images>,
-        /// The added light as it was used, as data; 0 everywhere if `added` is not wired.
+        /// The added light as it was used; empty if `added` is not wired.
         added: Arc<Images>,
     }
 }
@@ -213,7 +213,8 @@ impl Kind for Composite {
     }
 
     fn estimate(params: &Self, inputs: &In) -> Cost {
-        // The picture and its error, layers as factors of three channels, and changed copies of the layers.
+        // The picture and its error, layers as factors of three channels, and changed layers with their copies. Unchanged
+        // layers are passed on.
         let pixels = |images: &Images| {
             let pixels = |image: &NamedImage| image.picture.size().0 as u64 * image.picture.size().1 as u64;
             images.0.iter().map(pixels).sum::<u64>()
@@ -228,6 +229,8 @@ impl Kind for Composite {
         let mut errors = Vec::with_capacity(inputs.background.0.len());
         let (mut blurs, mut grains) = (Vec::new(), Vec::new());
         let mut used = Used::default();
+        let is_linear = |image: &NamedImage| matches!(image.picture, Picture::Linear(_));
+        let keeps = params.keeps_layers() && inputs.object.0.iter().all(is_linear);
         for (index, view) in inputs.background.0.iter().enumerate() {
             cx.check()?;
             let background = linear(&view.picture, "background")?;
@@ -288,7 +291,9 @@ impl Kind for Composite {
             let layers = Layers { background, object, shadow, added, front, variance, gain };
             let (image, lost) = params.view(&layers, cx)?;
             broken += lost;
-            used.keep(&view.name, &layers);
+            if !keeps {
+                used.keep(&view.name, &layers);
+            }
             errors.push(NamedImage { name: view.name.clone(), picture: layers.error().into() });
             views.push(NamedImage { name: view.name.clone(), picture: image.into() });
         }
@@ -303,9 +308,14 @@ impl Kind for Composite {
                 format!("the objects are blurred by {least:.2} to {most:.2} pixels{}", params.blur_reason());
             notes.decision("sharpness", text);
         }
-        let Used { object, shadow, added } = used;
-        let [image, error, object, shadow, added] =
-            [views, errors, object, shadow, added].map(|views| Arc::new(Images(views)));
+        let [image, error] = [views, errors].map(|views| Arc::new(Images(views)));
+        let layer = |input: Option<Arc<Images>>, used: Vec<NamedImage>| match input {
+            Some(input) if keeps => input,
+            Some(_) => Arc::new(Images(used)),
+            None => Arc::default(),
+        };
+        let object = layer(Some(inputs.object), used.object);
+        let (shadow, added) = (layer(inputs.shadow, used.shadow), layer(inputs.added, used.added));
         Ok((Out { image, error, object, shadow, added }, notes))
     }
 }
@@ -321,20 +331,13 @@ struct Used {
 impl Used {
     /// Keeps the layers of a view.
     fn keep(&mut self, name: &str, layers: &Layers<'_>) {
-        let size = (layers.object.width, layers.object.height);
-        let data = |layer: &Option<Image<Linear>>, otherwise: f32| {
-            let samples = match layer {
-                Some(layer) => {
-                    let pixels = layer.samples.chunks_exact(layer.channels);
-                    pixels.flat_map(|pixel| pixel.iter().take(3)).copied().collect()
-                }
-                None => vec![otherwise; 3 * size.0 * size.1],
-            };
-            Picture::from(Image::<Data>::from_samples(size.0, size.1, 3, samples))
-        };
         let named = |picture: Picture| NamedImage { name: name.to_owned(), picture };
-        self.shadow.push(named(data(&layers.shadow, 1.0)));
-        self.added.push(named(data(&layers.added, 0.0)));
+        let data = |layer: &Image<Linear>| {
+            let Image { width, height, channels, .. } = *layer;
+            named(Image::<Data>::from_samples(width, height, channels, layer.samples.clone()).into())
+        };
+        self.shadow.extend(layers.shadow.as_ref().map(data));
+        self.added.extend(layers.added.as_ref().map(data));
         self.object.push(named(layers.object.clone().into()));
     }
 }

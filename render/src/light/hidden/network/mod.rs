@@ -8,6 +8,8 @@ mod net;
 mod overview;
 mod rings;
 mod scale;
+#[cfg(test)]
+mod tests;
 
 use crate::light::energy_table::EnergyTable;
 use crate::light::measure::luminance;

@@ -1,19 +1,15 @@
 //! Tests of the maps and of the forward pass.
 
-use engine::Up;
 use scene::math::nn::Weights;
 use scene::math::num;
 
 use super::super::WEIGHTS;
 use super::super::features::OVERVIEW;
-use super::super::input::Scene;
+use super::super::tests::scene;
 use super::layers::Map;
 use super::maps::CHANNELS;
 use super::member::LAYERS;
 use super::*;
-use crate::light::hidden::clip::SEEN;
-use crate::light::hidden::clipped::Clipped;
-use crate::light::linear::LinearPixels;
 
 fn correction() -> Correction {
     let weights = Weights::parse("w", WEIGHTS).expect("is sound");
@@ -150,18 +146,6 @@ fn the_forward_pass_is_that_of_float64() {
     }
 }
 
-/// A panorama of 256 columns whose light is `light` of the column and row; pixels of 1 are clipped.
-fn scene(light: impl Fn(usize, usize) -> [f32; 3]) -> Scene {
-    let rgb: Vec<[f32; 3]> =
-        (0..128).flat_map(|y| (0..256).map(move |x| (x, y))).map(|(x, y)| light(x, y)).collect();
-    let mask: Vec<bool> = rgb.iter().map(|rgb| rgb.iter().any(|v| *v >= 1.0)).collect();
-    let pixels = LinearPixels { width: 256, height: 128, rgb, broken: 0, negative: 0, ceiling: true };
-    let alpha = vec![SEEN.max(1.0); mask.len()];
-    let up = Up::PlusZ;
-    let clipped = Clipped::new(up, &alpha, (&pixels, &mask, 1.0));
-    Scene::new(&clipped.grid, up, &clipped.labels, 1.0)
-}
-
 /// Maps of a sky of 0.5 above a ground of 0.25 with a clipped square: radiances, irradiances and shares are as computed
 /// by hand.
 #[test]
@@ -216,7 +200,7 @@ fn maps_rotate_and_mirror_with_the_panorama() {
     let rotated = scene(|x, y| light((x + 77) % 256, y));
     let mirrored = scene(|x, y| light(255 - x, y));
     let off = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
-    let values = |scene: &Scene| scene.maps.map().values.clone();
+    let values = |scene: &super::super::Scene| scene.maps.map().values.clone();
     assert!(off(&values(&plain), &values(&rotated)) < 1e-5);
     assert!(off(&values(&plain), &mirrored.maps.mirrored().map().values) < 1e-5);
     assert!(off(&values(&plain), &values(&mirrored)) > 0.1);
