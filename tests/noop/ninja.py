@@ -97,4 +97,5 @@ def main():
             a, b = statistics.median(times["ninja"]), statistics.median(times["ours"])
             print(f"| {shape} | {n:,} | {a:.1f} | {b:.1f} | {b / a:.2f} | {spread(times['ninja']):.0f} %, {spread(times['ours']):.0f} % |", flush=True)
 
-main()
+if __name__ == "__main__":
+    main()
