@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 use engine::{Context, InputFile, Kind, NodeError, Notes, Scene, SourceRoot, Up};
+use scene::io::gltf::animation::AfterEnd;
 use scene::io::splats::Frame;
 use nodes::kinds::load_cameras::{self, Distortion, LoadCameras};
 use nodes::kinds::load_mesh::{self, ColourEncoding, LoadMesh, MeshFrame};
@@ -45,6 +46,9 @@ pub fn cameras(path: &str, files: &[(&str, &[u8])]) {
         distortion: Distortion::Ignore,
         dataparser: None,
         matrix: None,
+        clip: None,
+        time_s: 0.0,
+        after_end: AfterEnd::Refuse,
     };
     if let Ok((out, _)) = run::<LoadCameras>(&params, load_cameras::In {}, files) {
         for camera in &out.rig.cameras {
@@ -67,7 +71,8 @@ pub fn mesh(name: &str, data: &[u8]) {
 
 /// Writes `data` to the file `name`, and reads it as an object. All indices must be valid.
 pub fn object(name: &str, data: &[u8]) {
-    let params = LoadObject { path: InputFile(name.to_owned()), scene: None };
+    let path = InputFile(name.to_owned());
+    let params = LoadObject { path, scene: None, clip: None, time_s: 0.0, after_end: AfterEnd::Refuse };
     if let Ok((out, _)) = run::<LoadObject>(&params, load_object::In {}, &[(name, data)]) {
         for primitive in &out.object.primitives {
             let vertices = primitive.positions.len();

@@ -180,3 +180,45 @@ fn written_files_are_kept_when_equal_and_written_when_not() {
     assert_eq!(written, ["light", "save"]);
     assert!(place.outputs() == first);
 }
+
+/// A picture of 2 by 2 pixels with alpha.
+const SMALL_PNG: [u8; 78] = [
+    137, 80, 78, 71, 13, 10, 26, 10, 0, 0, 0, 13, 73, 72, 68, 82, 0, 0, 0, 2, 0, 0, 0, 2, 8, 6, 0, 0, 0, 114,
+    182, 13, 36, 0, 0, 0, 21, 73, 68, 65, 84, 120, 156, 99, 96, 136, 58, 209, 192, 37, 34, 247, 159, 65, 3,
+    202, 0, 0, 49, 161, 5, 227, 156, 127, 5, 100, 0, 0, 0, 0, 73, 69, 78, 68, 174, 66, 96, 130,
+];
+
+/// An edit of the last node of a chain takes time in proportion to the number of nodes, with all checks after the run. This
+/// test fails if the search for what is behind a composite walks up the chain for each composite.
+#[test]
+fn an_edit_of_a_large_graph_takes_time_in_proportion_to_its_nodes() {
+    let graph = |count: usize, last: usize| {
+        let node = |number: usize| {
+            let below = number.checked_sub(1).map_or("in".to_owned(), |below| format!("n{below}"));
+            let lift = if number + 1 == count { last } else { number };
+            format!(
+                "n{number}: Composite(background: \"{below}\", object: \"in\", backdrop: ({lift}e-5, 0.5, 0.2)),\n"
+            )
+        };
+        let nodes: String = (0..count).map(node).collect();
+        format!(
+            "Graph(version: 1, scene: (up: \"+z\"), nodes: (in: LoadImage(path: \"in.png\"),\n{nodes}\
+             save: WriteExr(image: \"n{}\", path: \"out.exr\"),))",
+            count - 1
+        )
+    };
+    let least = |count: usize| {
+        let place = Place::new(&graph(count, 70_000));
+        std::fs::write(place.path("in.png"), SMALL_PNG).unwrap();
+        place.run(&[]).good();
+        let edits = (1..5).map(|edit| {
+            place.write(&graph(count, 70_000 + edit));
+            let start = std::time::Instant::now();
+            assert_eq!(place.run(&[]).good().nodes("ran").len(), 2);
+            start.elapsed()
+        });
+        edits.min().unwrap_or_default()
+    };
+    let (few, many) = (least(300), least(3_000));
+    assert!(many < 20 * few.max(std::time::Duration::from_millis(20)), "{few:?} and {many:?}");
+}

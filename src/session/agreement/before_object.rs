@@ -7,7 +7,7 @@ use render::geometry::before_object::{Depths, share};
 use scene::types::{Camera, Images, NamedImage, Picture, Rig};
 
 use super::memory::{Done, Key, Memory};
-use super::pair::{DigestOf, Finding, at_one_point, backgrounds, of_kind, spread, traces, written};
+use super::pair::{Composites, DigestOf, Finding, at_one_point, of_kind, spread, written};
 use crate::session::wires;
 
 /// Maximum number of pictures of splats and traces that a run compares, in addition to those that it remembers.
@@ -147,13 +147,14 @@ fn text(graph: &Graph, found: &Found) -> String {
 /// The composites without `front`, each with a `splat-render` without `limit` that makes its background, and a
 /// `path-trace` that makes its object.
 fn drawn(graph: &Graph) -> Vec<Drawn> {
-    let mut all = Vec::new();
+    let (composites, mut all) = (Composites::new(graph), Vec::new());
     for composite in of_kind(graph, "composite").filter(|&node| wires(graph, node, "front").is_empty()) {
         let is_whole = |node: &usize| {
             graph.nodes[*node].kind.name == "splat-render" && wires(graph, *node, "limit").is_empty()
         };
-        let renders: Vec<usize> = backgrounds(graph, composite).into_iter().filter(is_whole).collect();
-        for trace in traces(graph, composite) {
+        let behind = composites.backgrounds(graph, composite);
+        let renders: Vec<usize> = behind.iter().copied().filter(is_whole).collect();
+        for &trace in &*composites.traces(graph, composite) {
             let belong = renders.iter().filter(|&&splats| at_one_point(graph, splats, trace));
             all.extend(belong.map(|&splats| Drawn { composite, splats, trace }));
         }

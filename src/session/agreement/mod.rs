@@ -3,6 +3,7 @@
 mod advice;
 mod before_object;
 mod memory;
+mod nearest;
 mod pair;
 mod values;
 
@@ -18,7 +19,7 @@ use scene::types::{Mesh, Placed, Rig, Splats};
 use memory::Key;
 pub use memory::{Done, Memory};
 pub use pair::Finding;
-use pair::{DigestOf, Pair, above, pairs, spread};
+use pair::{DigestOf, Pair, above, of_kind, pairs, spread};
 use values::Values;
 
 /// Maximum number of pairs of splats and mesh that a run compares, in addition to those that it remembers. This
@@ -36,6 +37,9 @@ const MADE_OF_SPLATS: [&str; 2] = ["extract-mesh", "plane"];
 /// remembered with the values that it depends on, so that each run reports them and only a change leads to a new
 /// comparison.
 pub fn findings(engine: &Engine, graph: &Graph, done: &Done, memory: &mut Memory) -> Vec<Finding> {
+    if of_kind(graph, "path-trace").next().is_none() {
+        return Vec::new();
+    }
     let values = Values::new(engine, graph, done);
     let digest: DigestOf<'_> = &|wire| values.digest(wire);
     let mut pairs = pairs(graph, digest);

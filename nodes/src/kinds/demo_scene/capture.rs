@@ -101,51 +101,89 @@ pub(super) struct Defects {
     pub floaters: u64,
 }
 
+/// Part of a quad: its ranges of u and v.
+#[derive(Debug, Clone, Copy)]
+struct Piece {
+    quad: u32,
+    u: [f64; 2],
+    v: [f64; 2],
+}
+
+impl Piece {
+    /// The whole quads, without those that cannot be seen.
+    fn whole(quads: &[Quad]) -> Vec<Self> {
+        let numbered = (0_u32..).zip(quads);
+        let shown = numbered.filter(|(_, quad)| {
+            let [lu, lv] = quad.lengths();
+            quad.paint != super::paint::Paint::Hidden && lu * lv != 0.0
+        });
+        shown.map(|(quad, _)| Self { quad, u: [0.0, 1.0], v: [0.0, 1.0] }).collect()
+    }
+
+    fn patch(self, quads: &[Quad]) -> Patch {
+        let [lu, lv] = quads[self.quad as usize].lengths();
+        let middle = |[low, high]: [f64; 2]| 0.5 * (low + high);
+        let (du, dv) = (lu * (self.u[1] - self.u[0]), lv * (self.v[1] - self.v[0]));
+        Patch { quad: self.quad, u: middle(self.u), v: middle(self.v), du, dv }
+    }
+
+    /// The two halves of a piece whose sides appear more than `pixels` pixels long; `None` if they do not. A piece that
+    /// is divided is also divided for fewer pixels.
+    fn halves(self, quads: &[Quad], view: &DemoCamera, pixels: f64) -> Option<[Self; 2]> {
+        let (quad, Patch { u, v, du, dv, .. }) = (&quads[self.quad as usize], self.patch(quads));
+        let limit = view.patch_size(quad.point(u, v), quad.normal(u, v), du.max(dv), pixels);
+        (du.max(dv) > limit).then(|| match du >= dv {
+            true => [Self { u: [self.u[0], u], ..self }, Self { u: [u, self.u[1]], ..self }],
+            false => [Self { v: [self.v[0], v], ..self }, Self { v: [v, self.v[1]], ..self }],
+        })
+    }
+}
+
 /// Divides the quads into about `count` patches that appear equally large to the camera. The size at which they
 /// appear is found by bisection.
 fn patches(quads: &[Quad], view: &DemoCamera, count: usize) -> Vec<Patch> {
     let (mut small, mut large) = (0.2_f64, 200.0_f64);
+    // The pieces of the size `large` that are divided at the size `small`, and the number of the others, which stay as they
+    // are at every size between.
+    let (mut open, mut settled) = (Piece::whole(quads), 0);
     for _ in 0..22 {
         let middle = (small * large).sqrt();
-        if cut(quads, view, middle, None) > count { small = middle } else { large = middle }
+        let mut found = Vec::with_capacity(open.len());
+        cut(quads, view, middle, &open, &mut found, count.saturating_sub(settled));
+        if settled + found.len() > count {
+            small = middle;
+        } else {
+            (large, open) = (middle, found);
+        }
+        let before = open.len();
+        open.retain(|piece| piece.halves(quads, view, small).is_some());
+        settled += before - open.len();
     }
     let mut found = Vec::with_capacity(count);
-    cut(quads, view, large, Some(&mut found));
-    found
+    cut(quads, view, large, &Piece::whole(quads), &mut found, usize::MAX);
+    found.into_iter().map(|piece| piece.patch(quads)).collect()
 }
 
-/// Divides the quads into patches whose sides appear at most `pixels` pixels long. Returns their number, and
-/// appends them to `list` if it is given.
-fn cut(quads: &[Quad], view: &DemoCamera, pixels: f64, mut list: Option<&mut Vec<Patch>>) -> usize {
-    let mut count = 0;
-    let mut work = Vec::new();
-    for (q, quad) in quads.iter().enumerate().filter(|(_, quad)| quad.paint != super::paint::Paint::Hidden) {
-        let [lu, lv] = quad.lengths();
-        if lu * lv == 0.0 {
-            continue;
+/// Divides pieces into pieces whose sides appear at most `pixels` pixels long, and appends them to `found` in order.
+/// Stops after `most` pieces and one more.
+fn cut(
+    quads: &[Quad],
+    view: &DemoCamera,
+    pixels: f64,
+    pieces: &[Piece],
+    found: &mut Vec<Piece>,
+    most: usize,
+) {
+    let mut work: Vec<Piece> = pieces.iter().rev().copied().collect();
+    while let Some(piece) = work.pop() {
+        match piece.halves(quads, view, pixels) {
+            Some([first, second]) => work.extend([second, first]),
+            None => found.push(piece),
         }
-        work.push(([0.0, 1.0], [0.0, 1.0]));
-        while let Some((u, v)) = work.pop() {
-            let (mu, mv) = (0.5 * (u[0] + u[1]), 0.5 * (v[0] + v[1]));
-            let (du, dv) = (lu * (u[1] - u[0]), lv * (v[1] - v[0]));
-            let limit = view.patch_size(quad.point(mu, mv), quad.normal(mu, mv), du.max(dv), pixels);
-            if du.max(dv) > limit {
-                if du >= dv {
-                    work.push(([mu, u[1]], v));
-                    work.push(([u[0], mu], v));
-                } else {
-                    work.push((u, [mv, v[1]]));
-                    work.push((u, [v[0], mv]));
-                }
-                continue;
-            }
-            count += 1;
-            if let Some(list) = &mut list {
-                list.push(Patch { quad: q as u32, u: mu, v: mv, du, dv });
-            }
+        if found.len() > most {
+            return;
         }
     }
-    count
 }
 
 /// The splat of a patch; `None` if no camera of the capture saw it.
@@ -399,6 +437,38 @@ fn quaternion(m: DMat3) -> [f32; 4] {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// The search for the size of the patches, which looks only at patches whose division is open, finds those of a search
+    /// that divides all quads at every size. This test fails if `patches` counts `settled` twice, or if it keeps the pieces
+    /// of a size at which there are too many.
+    #[test]
+    fn patches_are_those_of_a_search_that_divides_all_quads() {
+        use super::super::{DemoScene, Setting, courtyard, room};
+        let small = DemoScene { width_px: 96, height_px: 54, ..DemoScene::default() };
+        for (place, layout) in [(Setting::Room, room::layout(7)), (Setting::Courtyard, courtyard::layout(7))]
+        {
+            let view = DemoCamera::new(&layout, &DemoScene { place, ..small.clone() });
+            let (quads, mut least) = (&layout.shapes.quads, 0);
+            for count in [1, 3_000, 20_000] {
+                let mut sizes = [0.2_f64, 200.0];
+                let divided = |pixels| {
+                    let mut found = Vec::new();
+                    cut(quads, &view, pixels, &Piece::whole(quads), &mut found, usize::MAX);
+                    found
+                };
+                for _ in 0..22 {
+                    let middle = (sizes[0] * sizes[1]).sqrt();
+                    sizes[usize::from(divided(middle).len() <= count)] = middle;
+                }
+                let all = divided(sizes[1]).into_iter().map(|piece| piece.patch(quads));
+                let numbers = |patch: Patch| (patch.quad, [patch.u, patch.v, patch.du, patch.dv]);
+                let found: Vec<_> = patches(quads, &view, count).into_iter().map(numbers).collect();
+                assert_eq!(found, all.map(numbers).collect::<Vec<_>>());
+                assert!(found.len() > least, "{} patches", found.len());
+                least = found.len().min(count - 1);
+            }
+        }
+    }
 
     #[test]
     fn quaternions_turn_as_their_matrix_does() {

@@ -40,6 +40,8 @@ pub(super) struct Caster {
 }
 
 const LEAF: usize = 4;
+/// Number of levels of the hierarchy that can be walked.
+const DEPTH: usize = 64;
 const BINS: usize = 12;
 
 impl Caster {
@@ -102,7 +104,7 @@ impl Caster {
     /// Visits the nearer child first. Of several hits at the same distance, that of the first triangle counts.
     fn walk(&self, from: DVec3, toward: DVec3, best: &mut Hit, any: bool) {
         let inverse = toward.recip();
-        let mut stack = [(0_u32, 0.0); 64];
+        let (mut waiting, mut starts) = ([0_u32; DEPTH], [0.0; DEPTH]);
         let (mut depth, mut at, mut first) = (0, 0_usize, usize::MAX);
         let enters =
             |node: usize, reach: f64| self.nodes.get(node).and_then(|node| entry(node, from, inverse, reach));
@@ -121,8 +123,8 @@ impl Caster {
                             (children[0], children[1], right)
                         };
                         // The tree is at worst built by halving, so 64 levels are never reached.
-                        if depth < stack.len() {
-                            stack[depth] = (far as u32, start);
+                        if depth < DEPTH {
+                            (waiting[depth], starts[depth]) = (far as u32, start);
                             depth += 1;
                         }
                         at = near;
@@ -158,7 +160,7 @@ impl Caster {
                     return;
                 }
                 depth -= 1;
-                let (node, start) = stack[depth];
+                let (node, start) = (waiting[depth], starts[depth]);
                 if start <= best.distance * SLACK {
                     at = node as usize;
                     break;
@@ -175,8 +177,9 @@ const SLACK: f64 = 1.000_001;
 fn entry(node: &Node, from: DVec3, inverse: DVec3, reach: f64) -> Option<f64> {
     let (a, b) = ((node.low - from) * inverse, (node.high - from) * inverse);
     let (near, far) = (a.min(b), a.max(b));
-    let start = near.x.max(near.y).max(near.z).max(0.0);
-    let end = far.x.min(far.y).min(far.z).min(reach);
+    // Comparisons take fewer instructions than `min` and `max`, which handle NaN on both sides.
+    let start = near.to_array().into_iter().fold(0.0, |start, near| if near > start { near } else { start });
+    let end = far.to_array().into_iter().fold(reach, |end, far| if far < end { far } else { end });
     (start <= end * SLACK).then_some(start)
 }
 

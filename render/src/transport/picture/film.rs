@@ -173,31 +173,38 @@ impl Sums {
             progress();
             [done]
         };
-        let [all] = Self::trace_each(cx, area, [channels], one)?;
+        let [all] = Self::trace_each(cx, &[area], [channels], one)?.remove(0);
         all.count(cx);
         Ok(all)
     }
 
-    /// Runs `tile` for every tile of an area, and combines each of its results. `tile` gets the index and the
-    /// pixels of the tile, and whether BVH steps are to be counted. Counts nothing in the context.
+    /// Runs `tile` for every tile of some areas, and combines each of its results for each area. `tile` gets the index
+    /// of the tile in its area, the pixels of the tile, and whether BVH steps are to be counted. Counts nothing in the
+    /// context.
     pub(crate) fn trace_each<const N: usize>(
         cx: &Context,
-        area: Area,
+        areas: &[Area],
         channels: [usize; N],
         tile: impl Fn(usize, &[(u32, u32)], bool) -> [TileSums; N] + Send + Sync,
-    ) -> Result<[Self; N], NodeError> {
-        let pieces = area.pieces(TILE);
-        let tiles = cx.for_each_tile(pieces.len(), |index| {
-            let piece = &pieces[index];
-            tile(index, &piece.each().collect::<Vec<_>>(), piece.is_followed())
+    ) -> Result<Vec<[Self; N]>, NodeError> {
+        let of_area = |(number, area): (usize, &Area)| {
+            area.pieces(TILE).into_iter().enumerate().map(move |(index, piece)| (number, index, piece))
+        };
+        let pieces: Vec<(usize, usize, Area)> = areas.iter().enumerate().flat_map(of_area).collect();
+        let tiles = cx.for_each_tile(pieces.len(), |at| {
+            let (_, index, piece) = &pieces[at];
+            tile(*index, &piece.each().collect::<Vec<_>>(), piece.is_followed())
         })?;
-        let mut all = channels.map(|channels| {
-            let sums = vec![0.0; area.pixels() * channels];
-            Self { channels: channels as u32, sums, ..Self::default() }
-        });
-        for (piece, tiles) in pieces.iter().zip(tiles) {
-            for (all, tile) in all.iter_mut().zip(tiles) {
-                all.add(area, piece, tile);
+        let empty = |area: &Area| {
+            channels.map(|channels| {
+                let sums = vec![0.0; area.pixels() * channels];
+                Self { channels: channels as u32, sums, ..Self::default() }
+            })
+        };
+        let mut all: Vec<[Self; N]> = areas.iter().map(empty).collect();
+        for ((number, _, piece), tiles) in pieces.iter().zip(tiles) {
+            for (all, tile) in all[*number].iter_mut().zip(tiles) {
+                all.add(areas[*number], piece, tile);
             }
         }
         Ok(all)

@@ -14,6 +14,9 @@ use super::film::{Area, TILE, chunks};
 
 /// Side, in tiles, of the blocks of pixels that all take the same number of samples.
 const BLOCK: u32 = 4;
+/// Number of blocks that are traced together. No thread waits at the end of a block, and a cancelled run keeps most of its
+/// work.
+const TOGETHER: usize = 16;
 /// Share of the median of the image `without` below which receiver pixels are ignored. The default of
 /// `shadow-ratio` is the same.
 const DARK: f64 = 1e-3;
@@ -110,28 +113,40 @@ impl ErrorGoal {
         if weight > 0.0 { lower_bound(sum / weight, noise / (weight * weight)) } else { 0.0 }
     }
 
-    /// Traces the samples that each block needs, by calls to `take`, which traces a range of samples of an area.
-    /// Reports progress as the share of finished blocks.
+    /// Traces the samples that each block needs, by calls to `take`, which traces a range of samples of several areas.
+    /// Reports progress as a share of the work, if all blocks need all samples.
     pub(crate) fn reach(
         &self,
         accumulator: &mut Accumulator,
-        mut take: impl FnMut(&mut Accumulator, Area, (u32, u32)) -> Result<(), NodeError>,
+        mut take: impl FnMut(&mut Accumulator, &[Area], (u32, u32)) -> Result<(), NodeError>,
         progress: impl Fn(f32),
     ) -> Result<ReachedError, NodeError> {
         let mut reached = ReachedError { asked: self.asked, ..ReachedError::default() };
         let whole = accumulator.whole;
         let samples =
             |chunks: usize| chunks.checked_sub(1).map_or(0.0, |last| f64::from(self.chunks[last].1));
-        let mut sum = 0.0;
         let blocks = whole.pieces(BLOCK * TILE);
-        for (index, &area) in blocks.iter().enumerate() {
-            let first = self.error(accumulator, area, 1);
-            let (mut taken, mut error) = (1, first);
-            while error > self.asked.error && taken < self.chunks.len() {
-                take(accumulator, area, self.chunks[taken])?;
-                taken += 1;
-                error = self.error(accumulator, area, taken);
+        let firsts: Vec<f64> = blocks.iter().map(|&area| self.error(accumulator, area, 1)).collect();
+        // Number of chunks taken, and error.
+        let mut states: Vec<(usize, f64)> = firsts.iter().map(|&first| (1, first)).collect();
+        for (chunk, &range) in self.chunks.iter().enumerate().skip(1) {
+            let short: Vec<usize> =
+                (0..blocks.len()).filter(|&index| states[index].1 > self.asked.error).collect();
+            for (number, batch) in short.chunks(TOGETHER).enumerate() {
+                let areas: Vec<Area> = batch.iter().map(|&index| blocks[index]).collect();
+                take(accumulator, &areas, range)?;
+                for &index in batch {
+                    states[index] = (chunk + 1, self.error(accumulator, blocks[index], chunk + 1));
+                }
+                let done = ((number + 1) * TOGETHER).min(short.len()) as f32 / short.len() as f32;
+                progress(
+                    samples(chunk) as f32 / samples(self.chunks.len()) as f32
+                        + (range.1 - range.0) as f32 * done / samples(self.chunks.len()) as f32,
+                );
             }
+        }
+        let mut sum = 0.0;
+        for ((&area, &first), &(taken, error)) in blocks.iter().zip(&firsts).zip(&states) {
             let promised = first * (samples(1) / samples(taken)).sqrt();
             reached.predicted = reached.predicted.max(promised);
             reached.worst = reached.worst.max(error);
@@ -139,7 +154,6 @@ impl ErrorGoal {
             reached.blocks[1] += u64::from(taken > 1);
             reached.blocks[2] += u64::from(error > self.asked.error);
             sum += samples(taken) * area.pixels() as f64;
-            progress((index + 1) as f32 / blocks.len() as f32);
         }
         reached.samples = sum / whole.pixels().max(1) as f64;
         Ok(reached)

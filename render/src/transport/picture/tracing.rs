@@ -1,6 +1,7 @@
 //! Tracing of images in stored parts: the receiver alone, receiver and objects, and first hits.
 
 use std::cell::Cell;
+use std::collections::VecDeque;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, OnceLock};
 
@@ -199,49 +200,75 @@ impl<'a> Tracing<'a> {
         }
     }
 
-    /// Adds a range of samples of an area to `accumulator`. The samples are traced, or read from stored parts.
+    /// Adds a range of samples of some areas to `accumulator`. The samples are traced, or read from stored parts. Areas
+    /// of which nothing is stored are traced together.
     fn add(
         &self,
         camera_rays: &CameraRays<'_>,
         accumulator: &mut Accumulator,
-        (area, range): (Area, Range),
+        (areas, range): (&[Area], Range),
         step: &(dyn Fn() + Send + Sync),
     ) -> Result<(), NodeError> {
         let (cx, camera) = (self.cx, camera_rays.camera);
-        let ahead = Cell::new(None);
         let inputs = self.inputs(&["receiver", "env"], &["receiver", "env", "points"]);
         let part = Part { name: "r0", version: 13, inputs };
-        let r0 = cx.part(part, &self.of_receiver(camera, area, range), || {
-            let (r0, pair) = self.trace_both(camera_rays, (area, range), step)?;
-            ahead.set(pair);
-            Ok(r0)
-        })?;
-        expect_size(&r0, area, R0)?;
-        let plain = &["receiver", "objects", "env"];
-        let inputs = self.inputs(plain, &["receiver", "objects", "env", "points"]);
-        let part = Part { name: "pair", version: 23, inputs };
-        let pair =
-            cx.part(part, &self.of_objects(camera, area, range, self.limit()), || match ahead.take() {
-                Some(pair) => {
-                    pair.count(cx);
-                    Ok(pair)
-                }
-                None => self.trace_with(camera_rays, (area, range), &r0, step),
-            })?;
-        expect_size(&pair, area, PAIR)?;
-        accumulator.add(area, &r0, &pair, range);
+        let stored = areas.iter().map(|&area| {
+            let missing = Cell::new(false);
+            let found = cx.part(part, &self.of_receiver(camera, area, range), || {
+                missing.set(true);
+                Err::<Sums, _>(NodeError::cancelled())
+            });
+            if missing.get() { Ok(None) } else { found.map(Some) }
+        });
+        let stored = stored.collect::<Result<Vec<Option<Arc<Sums>>>, _>>()?;
+        let is_missing = |(area, stored): (&Area, &Option<_>)| stored.is_none().then_some(*area);
+        let mut missing: Vec<Area> = areas.iter().zip(&stored).filter_map(is_missing).collect();
+        let mut ahead = VecDeque::new();
+        for (&area, stored) in areas.iter().zip(stored) {
+            let mut traced = None;
+            let r0 = match stored {
+                Some(r0) => r0,
+                None => cx.part(part, &self.of_receiver(camera, area, range), || {
+                    if !missing.is_empty() {
+                        let traced = self.trace_both(camera_rays, (&missing, range), step)?;
+                        ahead.extend(missing.drain(..).zip(traced));
+                    }
+                    // Another process may have stored an area in the meantime, which is skipped.
+                    let own = ahead.iter().position(|(other, _)| *other == area);
+                    let (_, (r0, pair)) =
+                        own.and_then(|own| ahead.remove(own)).unwrap_or((area, Default::default()));
+                    r0.count(cx);
+                    traced = pair;
+                    Ok(r0)
+                })?,
+            };
+            expect_size(&r0, area, R0)?;
+            let plain = &["receiver", "objects", "env"];
+            let inputs = self.inputs(plain, &["receiver", "objects", "env", "points"]);
+            let part = Part { name: "pair", version: 23, inputs };
+            let pair =
+                cx.part(part, &self.of_objects(camera, area, range, self.limit()), || match traced.take() {
+                    Some(pair) => {
+                        pair.count(cx);
+                        Ok(pair)
+                    }
+                    None => self.trace_with(camera_rays, (area, range), &r0, step),
+                })?;
+            expect_size(&pair, area, PAIR)?;
+            accumulator.add(area, &r0, &pair, range);
+        }
         Ok(())
     }
 
     /// Traces the receiver alone and the receiver with the objects together, since both cast the same camera rays
-    /// and, under near light, the same rays at the first vertex. The second result is not counted yet. It is `None`
-    /// if there are no objects.
+    /// and, under near light, the same rays at the first vertex. The results, one per area, are not counted yet. The
+    /// second is `None` if there are no objects.
     fn trace_both(
         &self,
         camera_rays: &CameraRays<'_>,
-        (area, range): (Area, Range),
+        (areas, range): (&[Area], Range),
         step: &(dyn Fn() + Send + Sync),
-    ) -> Result<(Sums, Option<Sums>), NodeError> {
+    ) -> Result<Vec<(Sums, Option<Sums>)>, NodeError> {
         let (cx, scene, each) = (self.cx, self.scene(), (range.1 - range.0) as usize);
         let receiver = |pixels: &[(u32, u32)], followed| {
             let mut rest = None;
@@ -255,13 +282,12 @@ impl<'a> Tracing<'a> {
             (r0, rest)
         };
         if self.objects.is_empty() {
-            let [r0] =
-                Sums::trace_each(cx, area, [R0], |_, pixels, followed| [receiver(pixels, followed).0])?;
-            r0.count(cx);
-            return Ok((r0, None));
+            let alone =
+                Sums::trace_each(cx, areas, [R0], |_, pixels, followed| [receiver(pixels, followed).0])?;
+            return Ok(alone.into_iter().map(|[r0]| (r0, None)).collect());
         }
         let crop = self.crop().ok();
-        let [r0, pair] = Sums::trace_each(cx, area, [R0, PAIR], |_, pixels, followed| {
+        let both = Sums::trace_each(cx, areas, [R0, PAIR], |_, pixels, followed| {
             let (r0, rest) = receiver(pixels, followed);
             let pair = TileSums::followed(followed, || {
                 let tile = PairTile { pixels, range, r0: &r0.sums, bounds: r0.bounds.unwrap_or_default() };
@@ -270,8 +296,7 @@ impl<'a> Tracing<'a> {
             step();
             [r0, pair]
         })?;
-        r0.count(cx);
-        Ok((r0, Some(pair)))
+        Ok(both.into_iter().map(|[r0, pair]| (r0, Some(pair))).collect())
     }
 
     /// Traces the receiver with the objects, given `r0`, the sums of the render without objects.
@@ -327,11 +352,11 @@ impl<'a> Tracing<'a> {
 
         let mut accumulator = Accumulator::new(whole);
         for &range in first {
-            self.add(&camera_rays, &mut accumulator, (whole, range), &step)?;
+            self.add(&camera_rays, &mut accumulator, (&[whole], range), &step)?;
         }
         let goal = self.settings.goal.map(|asked| ErrorGoal::new(asked, most, &accumulator));
-        let more = |accumulator: &mut Accumulator, area, range| {
-            self.add(&camera_rays, accumulator, (area, range), &|| ())
+        let more = |accumulator: &mut Accumulator, areas: &[Area], range| {
+            self.add(&camera_rays, accumulator, (areas, range), &|| ())
         };
         let blocks = |done: f32| progress(share + (1.0 - share) * done);
         let reached = goal.map(|goal| goal.reach(&mut accumulator, more, blocks)).transpose()?;

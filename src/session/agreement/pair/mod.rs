@@ -1,9 +1,11 @@
 //! Splats and meshes that belong together, and how they are found.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::rc::Rc;
 
 use engine::{Digest, Graph, Wire};
 
+use super::nearest::Nearest;
 use crate::session::wires;
 
 /// A finding: its id, and a text that names the nodes.
@@ -14,9 +16,6 @@ pub(super) type DigestOf<'a> = &'a dyn Fn(Wire) -> Option<Digest>;
 
 /// Kinds that render splats.
 const RENDERS: [&str; 2] = ["splat-render", "splat-panorama"];
-/// Kinds that are searched for upstream of the background of a composite. What is upstream of a trace is not part
-/// of the background.
-const BACKGROUNDS: [&str; 3] = ["splat-render", "splat-panorama", "path-trace"];
 
 /// Splats and a mesh that show the same place, and the wires of the cameras of the mesh and of the inserted
 /// objects. The values are pairwise different.
@@ -70,33 +69,30 @@ pub(super) fn at_one_point(graph: &Graph, a: usize, b: usize) -> bool {
     graph.nodes[a].point.iter().all(|(axis, value)| other(axis).is_none_or(|(_, known)| known == value))
 }
 
-/// Nodes of the given kinds from which a path of wires leads to one of the wires in `from`, without another node of
-/// these kinds on the path. They are in the order of the graph.
-pub(super) fn sources(graph: &Graph, from: &[Wire], kinds: &[&str]) -> Vec<usize> {
-    let (mut seen, mut found) = (BTreeSet::new(), BTreeSet::new());
-    let mut open: Vec<usize> = from.iter().map(|wire| wire.node).collect();
-    while let Some(node) = open.pop() {
-        if !seen.insert(node) {
-            continue;
-        }
-        if kinds.contains(&graph.nodes[node].kind.name) {
-            found.insert(node);
-        } else {
-            open.extend(graph.reads(node));
+/// What composites draw.
+pub(super) struct Composites {
+    behind: Nearest,
+    traces: Nearest,
+}
+
+impl Composites {
+    pub(super) fn new(graph: &Graph) -> Self {
+        // What is upstream of a trace is not part of the background.
+        Self {
+            behind: Nearest::new(graph, &RENDERS, &["path-trace"]),
+            traces: Nearest::new(graph, &["path-trace"], &[]),
         }
     }
-    found.into_iter().collect()
-}
 
-/// The renders of splats that a composite has as its background.
-pub(super) fn backgrounds(graph: &Graph, composite: usize) -> Vec<usize> {
-    let found = sources(graph, wires(graph, composite, "background"), &BACKGROUNDS);
-    found.into_iter().filter(|&node| RENDERS.contains(&graph.nodes[node].kind.name)).collect()
-}
+    /// The renders of splats that a composite has as its background.
+    pub(super) fn backgrounds(&self, graph: &Graph, composite: usize) -> Rc<[usize]> {
+        self.behind.of(wires(graph, composite, "background"))
+    }
 
-/// The traces whose objects a composite draws.
-pub(super) fn traces(graph: &Graph, composite: usize) -> Vec<usize> {
-    sources(graph, wires(graph, composite, "object"), &["path-trace"])
+    /// The traces whose objects a composite draws.
+    pub(super) fn traces(&self, graph: &Graph, composite: usize) -> Rc<[usize]> {
+        self.traces.of(wires(graph, composite, "object"))
+    }
 }
 
 /// Pairs of splats and a receiver of which this run has the values. Each pair of different values is listed once.
@@ -107,12 +103,14 @@ pub(super) fn traces(graph: &Graph, composite: usize) -> Vec<usize> {
 /// together.
 pub(super) fn pairs(graph: &Graph, digest: DigestOf<'_>) -> Vec<Pair> {
     let mut behind: BTreeMap<usize, BTreeSet<usize>> = BTreeMap::new();
+    let composites = Composites::new(graph);
     for composite in of_kind(graph, "composite") {
-        let renders = backgrounds(graph, composite);
-        for trace in traces(graph, composite) {
-            behind.entry(trace).or_default().extend(&renders);
+        let renders = composites.backgrounds(graph, composite);
+        for &trace in &*composites.traces(graph, composite) {
+            behind.entry(trace).or_default().extend(&*renders);
         }
     }
+    let lighting = Nearest::new(graph, &RENDERS, &[]);
     let mut by_rig: BTreeMap<Digest, Vec<usize>> = BTreeMap::new();
     for render in of_kind(graph, "splat-render") {
         if let Some(rig) = value(graph, render, "rig", digest) {
@@ -134,7 +132,7 @@ pub(super) fn pairs(graph: &Graph, digest: DigestOf<'_>) -> Vec<Pair> {
             let equal = by_rig.get(&of_rig).into_iter().flatten().filter(belongs);
             splats.extend(equal.filter_map(splats_of));
         }
-        splats.extend(sources(graph, wires(graph, trace, "env"), &RENDERS).iter().filter_map(splats_of));
+        splats.extend(lighting.of(wires(graph, trace, "env")).iter().filter_map(splats_of));
         if splats.is_empty() {
             splats.extend(only);
         }
