@@ -72,7 +72,8 @@ mod tests {
                 b:     SplatRender(splats: "demo.splats", rig: "demo.rig"),
                 trace: PathTrace(receiver: "demo.proxy", objects: [], rig: "demo.rig", env: "light", samples: 1),
                 pano:  Stitch(views: "b"),
-                light: FuseHdr(base: "pano"),
+                dark:  PredictExposure(pano: "pano", evs: [-6.0, -3.0]),
+                light: FuseHdr(base: "pano", brackets: "dark"),
                 {nodes}
                 last:  Composite(background: "n{}", object: "trace.object", front: "b"),
             ))"#,

@@ -25,9 +25,22 @@ const GAIN: f64 = 16.0;
 /// Multiple of its standard error that a ratio must exceed to be reliable. A smaller ratio may be due to a single
 /// outlier path, so its error must not be measured relative to the ratio.
 const SURE: f64 = 2.0;
+/// If the error is not required, the pixels of a tile with the largest errors of the ratio are left out, one of 32 pixels.
+/// Rare bright samples are as probable in all other pixels, so samples for their blocks alone would hardly make the picture
+/// better, and a filter removes single dots.
+const LEFT_OUT: usize = 32;
 /// Number of degrees of freedom given to the variance of independent samples when it is mixed with the
 /// variance between chunks, which is unreliable for few chunks and few pixels.
 const PRIOR: f64 = 0.5;
+
+/// Variance of the mean of a pixel, relative to the square of what its error is relative to.
+#[derive(Debug, Clone, Copy)]
+struct Noise {
+    /// As if samples were independent.
+    alone: f64,
+    /// From the spread between chunks.
+    apart: f64,
+}
 
 /// Target of adaptive sampling.
 pub(crate) struct ErrorGoal {
@@ -61,40 +74,50 @@ impl ErrorGoal {
     /// confidence bound of S in the pixel or its tile, so that the error of a highlight is relative to the
     /// highlight. After one chunk, the error is computed as if samples were independent. After several chunks, it
     /// is computed from the spread between chunks, which has less weight if there are fewer pixels.
+    ///
+    /// If the error is not required, a few pixels with the largest errors of the ratio are left out ([`LEFT_OUT`]).
     fn error(&self, accumulator: &Accumulator, area: Area, chunks: usize) -> f64 {
         let mut worst = 0.0_f64;
         for tile in area.pieces(TILE) {
-            let (mut alone, mut apart, mut counts) = ([0.0_f64; 2], [0.0_f64; 2], [0.0_f64; 2]);
-            let mut squares = [0.0_f64; 2];
             let around = self.lit(accumulator, tile);
-            for pixel in tile.each() {
-                let index = accumulator.whole.index(pixel);
-                let spread = accumulator.variances(index);
-                let seen = 1.0 - accumulator.alpha(index);
-                let of_chunks = accumulator.variances_between_chunks(index, chunks);
-                let [without, with, object_luminance] = accumulator.luminances(index);
-                let scale = self.scale.max(object_luminance);
-                let object = if scale > 0.0 { 1.0 / (scale * scale) } else { 0.0 };
-                let shown = if without > self.dark {
-                    seen / reference(with / without, spread.ratio, around)
-                } else {
-                    0.0
-                };
-                let weights = [shown * shown, object];
-                for (k, square) in [spread.ratio, spread.object].into_iter().enumerate() {
-                    alone[k] += weights[k] * square;
-                    squares[k] += weights[k] * square * (weights[k] * square);
-                    apart[k] += weights[k] * of_chunks[k];
-                    counts[k] += f64::from(u8::from(weights[k] * square > 0.0));
-                }
-            }
+            let pixels: Vec<[Noise; 2]> = tile
+                .each()
+                .map(|pixel| self.noise(accumulator, accumulator.whole.index(pixel), around, chunks))
+                .collect();
             for k in 0..2 {
-                let freedom = chunks.saturating_sub(1) as f64 * effective(alone[k], squares[k]);
-                let mixed = (freedom * apart[k] + PRIOR * alone[k]) / (freedom + PRIOR);
-                worst = worst.max((mixed.max(alone[k] / GAIN) / counts[k].max(1.0)).sqrt());
+                let noise = || pixels.iter().map(|pixel| pixel[k]).filter(|noise| noise.alone > 0.0);
+                let mut largest: Vec<f64> = noise().map(|noise| noise.alone).collect();
+                largest.sort_unstable_by(|a, b| b.total_cmp(a));
+                let left_out = if k == 0 && !self.asked.required { largest.len() / LEFT_OUT } else { 0 };
+                let most = largest.get(left_out);
+                let (mut alone, mut squares, mut apart, mut count) = (0.0, 0.0, 0.0, 0.0_f64);
+                for noise in noise().filter(|noise| most.is_none_or(|most| noise.alone <= *most)) {
+                    alone += noise.alone;
+                    squares += noise.alone * noise.alone;
+                    apart += noise.apart;
+                    count += 1.0;
+                }
+                let freedom = chunks.saturating_sub(1) as f64 * effective(alone, squares);
+                let mixed = (freedom * apart + PRIOR * alone) / (freedom + PRIOR);
+                worst = worst.max((mixed.max(alone / GAIN) / count.max(1.0)).sqrt());
             }
         }
         worst
+    }
+
+    /// Noise of the ratio and of the objects in a pixel, given the lower bound of the ratio around it.
+    fn noise(&self, accumulator: &Accumulator, index: usize, around: f64, chunks: usize) -> [Noise; 2] {
+        let spread = accumulator.variances(index);
+        let seen = 1.0 - accumulator.alpha(index);
+        let of_chunks = accumulator.variances_between_chunks(index, chunks);
+        let [without, with, object_luminance] = accumulator.luminances(index);
+        let scale = self.scale.max(object_luminance);
+        let object = if scale > 0.0 { 1.0 / (scale * scale) } else { 0.0 };
+        let shown =
+            if without > self.dark { seen / reference(with / without, spread.ratio, around) } else { 0.0 };
+        let of =
+            |weight: f64, square: f64, apart: f64| Noise { alone: weight * square, apart: weight * apart };
+        [of(shown * shown, spread.ratio, of_chunks[0]), of(object, spread.object, of_chunks[1])]
     }
 
     /// Lower confidence bound of the mean ratio over the part of a tile that objects do not cover.
