@@ -25,10 +25,10 @@ const GAIN: f64 = 16.0;
 /// Multiple of its standard error that a ratio must exceed to be reliable. A smaller ratio may be due to a single
 /// outlier path, so its error must not be measured relative to the ratio.
 const SURE: f64 = 2.0;
-/// If the error is not required, the pixels of a tile with the largest errors of the ratio are left out, one of 32 pixels.
+/// If the error is not required, the pixels of a tile with the largest errors of the ratio are left out, one of 16 pixels.
 /// Rare bright samples are as probable in all other pixels, so samples for their blocks alone would hardly make the picture
 /// better, and a filter removes single dots.
-const LEFT_OUT: usize = 32;
+const LEFT_OUT: usize = 16;
 /// Number of degrees of freedom given to the variance of independent samples when it is mixed with the
 /// variance between chunks, which is unreliable for few chunks and few pixels.
 const PRIOR: f64 = 0.5;
