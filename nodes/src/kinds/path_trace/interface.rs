@@ -26,7 +26,9 @@ engine::params! {
         max_error: Option<f64> = None, range(1e-6, 1.0), other("0.5"), knob(Cutoff, "", "", "", "None");
         /// Standard error, defined as in `max_error`, at which a block of pixels takes no more samples. It saves
         /// samples where the picture is already accurate. Unlike `max_error` it is not required: a block that
-        /// ends above it has `samples` samples, as without it, and nothing is degraded. `max_error` replaces it.
+        /// ends above it has `samples` samples, as without it, and nothing is degraded. The sixteenth of the pixels
+        /// of a tile with the largest errors of the ratio does not count: these are single bright dots, which
+        /// `Denoise` removes. `max_error` replaces it.
         /// `None` takes `samples` everywhere, and so does a `coarse_px` above 1.
         noise_threshold: Option<f64> = None, range(1e-6, 1.0), other("0.5"), knob(Cutoff, "", "", "", "None");
         /// Maximum number of bounces after the first; 0 is direct light only.

@@ -140,12 +140,12 @@ impl<'a> Integrator<'a> {
     }
 
     /// Estimates the change from two whole paths, one with and one without the objects, that share their random
-    /// numbers. Used under near light, where objects also block the light that receiver points emit.
+    /// numbers. Used under near light, where objects also block the light that receiver points emit. Rays towards the
+    /// objects find their light, which scattered rays rarely hit.
     fn paired_estimate(&mut self, hit: Hit, ray: Ray, sampling: &ChangeSampling<'_>) -> Vec3 {
         let lamps = !self.scene.objects.emitters.is_empty();
-        let towards = if lamps { towards(sampling) } else { Towards::NOWHERE };
         let known = sampling.known;
-        let pass = Pass { lift: sampling.lift, towards, known, ..self.pass };
+        let pass = Pass { lift: sampling.lift, towards: towards(sampling), known, ..self.pass };
         if known.is_none() && !lamps {
             // Most paths touch no object, which takes fewer rays to find out than the light.
             self.with(Pass { touch_only: true, ..pass }, |own| own.radiance(Vertex::Receiver(hit), ray));

@@ -4,7 +4,7 @@ use glam::Vec3;
 
 use super::first_vertex::FirstVertex;
 use super::integrator::Integrator;
-use super::near_draws::{MOST, NearDraws, NearSamples};
+use super::near_draws::{NearDraws, NearSamples};
 use super::near_field::{ArrivingLight, NearFieldLight};
 use super::path::ShadingPoint;
 use crate::geometry::bvh::{Hit, Ray};
@@ -27,14 +27,6 @@ const DIMMING: u32 = 3 << 17;
 const DIMMING_PIECE: u32 = 7 << 16;
 /// Maximum number of light samples per vertex.
 const MANY: usize = 5;
-/// Number of light samples of near light at the first vertex.
-pub(crate) const NEAR_LIGHTS: u32 = MOST as u32;
-
-/// Number of light samples of near light at a vertex.
-pub(crate) fn near_lights(at: &ShadingPoint) -> u32 {
-    if at.is_first() { NEAR_LIGHTS } else { 1 }
-}
-
 /// Light samples of a vertex.
 #[derive(Debug, Default)]
 pub(crate) struct FewDraws {
@@ -95,7 +87,7 @@ impl<'a> Integrator<'a> {
         if let Some(known) = self.pass.known.filter(|_| at.is_first()) {
             return self.lit_as_known(near, at, known);
         }
-        let (surface, lights) = (&at.surface, near_lights(at));
+        let (surface, lights) = (&at.surface, near.lights(at.is_first()).count());
         let samples = self.near_samples(near, at);
         let mut lit = Vec3::ZERO;
         for (number, arriving) in (0..lights).zip(&samples) {
@@ -113,7 +105,7 @@ impl<'a> Integrator<'a> {
     /// Near light at the first vertex of a path, which is on the receiver, given the light without the objects. Only
     /// the share that the objects leave is traced.
     fn lit_as_known(&mut self, near: &NearFieldLight<'a>, at: &ShadingPoint, known: &FirstVertex) -> Vec3 {
-        let (surface, lights) = (&at.surface, near_lights(at));
+        let (surface, lights) = (&at.surface, near.lights(at.is_first()).count());
         let mut lit = Vec3::ZERO;
         for (number, (arriving, &light)) in (0..lights).zip(known.arriving.iter().zip(&known.lit)) {
             let Some(arriving) = arriving.as_ref().filter(|_| light != Vec3::ZERO) else { continue };
@@ -135,9 +127,9 @@ impl<'a> Integrator<'a> {
     /// Light samples of near light at a vertex, with their densities. Entries are `None` where no light comes from
     /// the lit side.
     pub(crate) fn near_samples(&mut self, near: &NearFieldLight<'a>, at: &ShadingPoint) -> NearSamples {
-        let (surface, lights) = (&at.surface, near_lights(at));
-        self.tally.rays.shadow += u64::from(lights);
-        let vertex = (surface.looks_from(), near.samples(surface.bsdf.lit_side()));
+        let (surface, lights) = (&at.surface, near.lights(at.is_first()));
+        self.tally.rays.shadow += u64::from(lights.count());
+        let vertex = (surface.looks_from(), near.samples(surface.bsdf.lit_side(), lights));
         NearDraws::at_one(*near, vertex, self.pass.points, lights, at.pair)
     }
 

@@ -4,7 +4,7 @@ use glam::Vec3;
 
 use super::near_field::{ArrivingLight, NearFieldLight};
 use crate::geometry::sampling::Points;
-use crate::transport::sky::defensive::DefensiveSampling;
+use crate::transport::sky::defensive::{DefensiveSampling, NearLights};
 use crate::transport::sky::environment::LightSample;
 use crate::transport::sky::light_draws::PlacedDraw;
 
@@ -21,8 +21,8 @@ pub(crate) type NearVertex<'a> = (Vec3, DefensiveSampling<'a>);
 #[derive(Debug)]
 pub struct NearDraws<'a> {
     near: NearFieldLight<'a>,
-    /// Number of light samples per vertex, at most [`MOST`].
-    count: u32,
+    /// Numbers of light samples per vertex, in total at most [`MOST`].
+    lights: NearLights,
     /// Index of the pair of sample dimensions.
     pair: u32,
     vertices: Vec<NearVertex<'a>>,
@@ -35,16 +35,16 @@ pub struct NearDraws<'a> {
     numbers: Vec<usize>,
     directions: Vec<Vec3>,
     texels: Vec<(usize, usize)>,
-    lights: Vec<LightSample>,
+    arriving: Vec<LightSample>,
     found: Vec<Option<ArrivingLight>>,
 }
 
 impl<'a> NearDraws<'a> {
     /// Creates an empty batch.
-    pub(crate) fn new(near: NearFieldLight<'a>, count: u32, pair: u32) -> Self {
+    pub(crate) fn new(near: NearFieldLight<'a>, lights: NearLights, pair: u32) -> Self {
         Self {
             near,
-            count,
+            lights,
             pair,
             vertices: Vec::new(),
             points: Vec::new(),
@@ -53,30 +53,30 @@ impl<'a> NearDraws<'a> {
             numbers: Vec::new(),
             directions: Vec::new(),
             texels: Vec::new(),
-            lights: Vec::new(),
+            arriving: Vec::new(),
             found: Vec::new(),
         }
     }
 
     /// Takes light samples for a single vertex at sub-samples of `points`, from the pair of sample dimensions
-    /// `pair`, into the first `count` entries of the result. Traces one ray for each. Entries are `None` where no
-    /// light comes from the lit side.
+    /// `pair`, into the first entries of the result. Traces one ray for each. Entries are `None` where no light comes
+    /// from the lit side.
     pub fn at_one(
         near: NearFieldLight<'a>,
         (point, samples): NearVertex<'a>,
         points: Points,
-        count: u32,
+        lights: NearLights,
         pair: u32,
     ) -> NearSamples {
-        let mut draws = Self::new(near, count, pair);
+        let mut draws = Self::new(near, lights, pair);
         draws.push(point, samples, points);
         draws.draw();
         draws.of(0)
     }
 
-    /// Empties the batch. Its next samples are `count` per vertex, from the pair of sample dimensions `pair`.
-    pub(crate) fn restart(&mut self, count: u32, pair: u32) {
-        (self.count, self.pair) = (count, pair);
+    /// Empties the batch. Its next vertices take `lights`, from the pair of sample dimensions `pair`.
+    pub(crate) fn restart(&mut self, lights: NearLights, pair: u32) {
+        (self.lights, self.pair) = (lights, pair);
         self.vertices.clear();
         self.points.clear();
     }
@@ -84,8 +84,8 @@ impl<'a> NearDraws<'a> {
     /// Adds a vertex at `point` to the batch. `points` are the random numbers of its sample.
     pub(crate) fn push(&mut self, point: Vec3, samples: DefensiveSampling<'a>, points: Points) {
         self.vertices.push((point, samples));
-        let count = self.count;
-        self.points.extend((0..count).map(|number| points.twig(number, count)));
+        let lights = self.lights;
+        self.points.extend((0..lights.count()).map(|number| lights.points(&points, number)));
     }
 
     /// Distributions for the lit side of a vertex of the batch.
@@ -95,30 +95,33 @@ impl<'a> NearDraws<'a> {
 
     /// Draws the light samples of all vertices. Traces one ray for each.
     pub(crate) fn draw(&mut self) {
-        let (sky, count) = (self.near.sky, self.count as usize);
+        let (sky, count) = (self.near.sky, self.lights.count() as usize);
         self.bits.clear();
         sky.bits_each(&self.points, self.pair, &mut self.bits);
         self.wanted.clear();
         self.numbers.clear();
         for (number, bits) in self.bits.iter().enumerate() {
-            if let Some(wanted) = self.vertices[number / count].1.choose(sky, *bits) {
+            if let Some(wanted) = self.vertices[number / count].1.choose(sky, (number % count) as u32, *bits)
+            {
                 self.wanted.push(wanted);
                 self.numbers.push(number);
             }
         }
-        let directions = &mut self.directions;
+        let (directions, texels) = (&mut self.directions, &mut self.texels);
         directions.clear();
-        sky.draw_placed(&self.wanted, |drawn| directions.push(drawn.direction));
-        self.texels.clear();
-        self.texels.extend(self.directions.iter().map(|direction| sky.texel_grid.texel(*direction)));
+        texels.clear();
+        sky.draw_placed(&self.wanted, |drawn| {
+            directions.push(drawn.direction);
+            texels.push(sky.texel_of(&drawn));
+        });
         let chosen = self.numbers.iter().zip(&self.directions).zip(&self.texels);
-        self.lights.clear();
-        self.lights.extend(chosen.map(|((&number, &direction), &texel)| {
+        self.arriving.clear();
+        self.arriving.extend(chosen.map(|((&number, &direction), &texel)| {
             self.vertices[number / count].1.light(direction, &sky.texel_at(texel))
         }));
         self.found.clear();
         self.found.resize(self.points.len(), None);
-        for (&number, &light) in self.numbers.iter().zip(&self.lights) {
+        for (&number, &light) in self.numbers.iter().zip(&self.arriving) {
             let mut arriving = self.near.arriving(self.vertices[number / count].0, light);
             arriving.0.pdf *= count as f32;
             self.found[number] = Some(arriving);
@@ -129,7 +132,7 @@ impl<'a> NearDraws<'a> {
     /// `None` where no light comes from the lit side.
     pub(crate) fn of(&self, vertex: usize) -> NearSamples {
         let mut samples = [None; MOST];
-        let count = self.count as usize;
+        let count = self.lights.count() as usize;
         for (sample, found) in samples.iter_mut().zip(&self.found[vertex * count..][..count]) {
             *sample = *found;
         }

@@ -17,7 +17,7 @@ use scene::math::color::luminance;
 
 use crate::geometry::bvh::{Hit, Ray};
 use crate::transport::scene::receiver::Receiver;
-use crate::transport::sky::defensive::DefensiveSampling;
+use crate::transport::sky::defensive::{DefensiveSampling, NearLights};
 use crate::transport::sky::environment::{EnvironmentLight, LightSample};
 
 /// Relative distance below which two surfaces count as one. A captured mesh is not more accurate than this: where a
@@ -64,8 +64,13 @@ impl<'a> NearFieldLight<'a> {
     }
 
     /// Light samples for surfaces that are lit from one side, or from all directions if `side` is `None`.
-    pub fn samples(&self, side: Option<Vec3>) -> DefensiveSampling<'a> {
-        DefensiveSampling::new(self.sky, side)
+    pub fn samples(&self, side: Option<Vec3>, lights: NearLights) -> DefensiveSampling<'a> {
+        DefensiveSampling::new(self.sky, side, lights)
+    }
+
+    /// Numbers of light samples at a vertex. The first vertex of a path takes several.
+    pub fn lights(&self, is_first: bool) -> NearLights {
+        if is_first { NearLights::Tiers(self.sky.near_lights) } else { NearLights::One }
     }
 
     /// Ratio of the solid angles that a surface element subtends at the point of capture and at `point`. 0 if these

@@ -8,7 +8,7 @@
 
 use glam::Vec3;
 
-use super::direct_light::{NEAR_LIGHTS, power_heuristic};
+use super::direct_light::power_heuristic;
 use super::first_vertex::FirstVertex;
 use super::guide::Guide;
 use super::integrator::{Scene, russian_roulette};
@@ -83,7 +83,7 @@ impl ReceiverPath {
 impl<'a> ReceiverPaths<'a> {
     /// Creates an empty batch.
     pub fn new(scene: Scene<'a>) -> Self {
-        let near = scene.near().map(|near| (near, NearDraws::new(near, NEAR_LIGHTS, first_pair(0))));
+        let near = scene.near().map(|near| (near, NearDraws::new(near, near.lights(true), first_pair(0))));
         Self {
             scene,
             paths: Vec::with_capacity(TOGETHER),
@@ -263,13 +263,14 @@ impl<'a> ReceiverPaths<'a> {
         (near, draws): &mut (NearFieldLight<'a>, NearDraws<'a>),
         alive: &mut Vec<usize>,
     ) {
-        let lights = if bounce == 0 { NEAR_LIGHTS } else { 1 };
+        let lights = near.lights(bounce == 0);
         draws.restart(lights, first_pair(bounce));
         for &index in &*alive {
             let path = &self.paths[index];
-            draws.push(path.position, near.samples(Some(path.matte.normal())), path.points);
+            draws.push(path.position, near.samples(Some(path.matte.normal()), lights), path.points);
         }
         draws.draw();
+        let lights = lights.count();
         self.rays.shadow += u64::from(lights) * alive.len() as u64;
         let (scene, rules) = (self.scene, self.scene.rules);
         let firsts = &mut self.firsts;

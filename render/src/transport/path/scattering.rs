@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::direct_light::{near_lights, power_heuristic};
+use super::direct_light::power_heuristic;
 use super::first_vertex::FirstVertex;
 use super::integrator::{BLUR, Integrator};
 use super::path::{Path, ShadingPoint, Vertex};
@@ -112,13 +112,13 @@ impl<'a> Integrator<'a> {
                     Some(known) => known.found,
                     None => {
                         self.tally.rays.scattered += 1;
-                        let samples = near.samples(at.surface.bsdf.lit_side());
+                        let samples = near.samples(at.surface.bsdf.lit_side(), near.lights(at.is_first()));
                         near.eval(ray, &samples, landed.as_ref(), scattered.glossy_pdf())
                     }
                 };
                 if let Some(arriving) = arriving {
                     let dimming = self.dimming(&near, &arriving, (self.pass.points, at.pair + 1), at.key);
-                    let pdf = near_lights(at) as f32 * arriving.0.pdf;
+                    let pdf = near.lights(at.is_first()).count() as f32 * arriving.0.pdf;
                     let arrived = arriving.0.radiance * power_heuristic(scattered.pdf, pdf);
                     path.light += rules.clamped(bounce, carried.0 * dimming * arrived);
                     path.light += self.lamps_beyond(landed, direction, bounce, carried, media);

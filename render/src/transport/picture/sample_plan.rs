@@ -85,21 +85,8 @@ impl ErrorGoal {
                 .map(|pixel| self.noise(accumulator, accumulator.whole.index(pixel), around, chunks))
                 .collect();
             for k in 0..2 {
-                let noise = || pixels.iter().map(|pixel| pixel[k]).filter(|noise| noise.alone > 0.0);
-                let mut largest: Vec<f64> = noise().map(|noise| noise.alone).collect();
-                largest.sort_unstable_by(|a, b| b.total_cmp(a));
-                let left_out = if k == 0 && !self.asked.required { largest.len() / LEFT_OUT } else { 0 };
-                let most = largest.get(left_out);
-                let (mut alone, mut squares, mut apart, mut count) = (0.0, 0.0, 0.0, 0.0_f64);
-                for noise in noise().filter(|noise| most.is_none_or(|most| noise.alone <= *most)) {
-                    alone += noise.alone;
-                    squares += noise.alone * noise.alone;
-                    apart += noise.apart;
-                    count += 1.0;
-                }
-                let freedom = chunks.saturating_sub(1) as f64 * effective(alone, squares);
-                let mixed = (freedom * apart + PRIOR * alone) / (freedom + PRIOR);
-                worst = worst.max((mixed.max(alone / GAIN) / count.max(1.0)).sqrt());
+                let share = if k == 0 && !self.asked.required { LEFT_OUT } else { usize::MAX };
+                worst = worst.max(tile_error(pixels.iter().map(|pixel| pixel[k]), share, chunks));
             }
         }
         worst
@@ -183,6 +170,25 @@ impl ErrorGoal {
     }
 }
 
+/// Root mean square of the errors of the pixels of a tile whose error is not 0. One of `share` pixels is left out, those with
+/// the largest errors.
+fn tile_error(pixels: impl Iterator<Item = Noise> + Clone, share: usize, chunks: usize) -> f64 {
+    let noisy = pixels.filter(|noise| noise.alone > 0.0);
+    let mut largest: Vec<f64> = noisy.clone().map(|noise| noise.alone).collect();
+    largest.sort_unstable_by(|a, b| b.total_cmp(a));
+    let Some(&most) = largest.get(largest.len() / share) else { return 0.0 };
+    let (mut alone, mut squares, mut apart, mut count) = (0.0, 0.0, 0.0, 0.0);
+    for noise in noisy.filter(|noise| noise.alone <= most) {
+        alone += noise.alone;
+        squares += noise.alone * noise.alone;
+        apart += noise.apart;
+        count += 1.0;
+    }
+    let freedom = chunks.saturating_sub(1) as f64 * effective(alone, squares);
+    let mixed = (freedom * apart + PRIOR * alone) / (freedom + PRIOR);
+    (mixed.max(alone / GAIN) / count).sqrt()
+}
+
 /// Value by which the error of a ratio is divided: the largest of 1, the lower confidence bound of the ratio, and
 /// the lower confidence bound of the mean ratio of its tile. The bound of the tile counts only up to the ratio
 /// itself. An uncertain pixel in a bright tile is not an outlier.
@@ -228,6 +234,25 @@ mod tests {
         assert_eq!(reference(1.2, 0.01, bright), 1.2, "no more than it is");
         let dark = tile([1.0, 0.0], [64.0, 64.0]);
         assert_eq!(reference(64.0, 64.0 * 64.0, dark), 1.0);
+    }
+
+    /// A dot does not decide if dots are left out, and a line does. This test fails if `tile_error` leaves out the smallest
+    /// errors, or none.
+    #[test]
+    fn dots_are_left_out_and_lines_are_not() {
+        let error = |bright: usize, share| {
+            let noise = |pixel| Noise { alone: if pixel < bright { 4.0 } else { 1e-3 }, apart: 0.0 };
+            tile_error((0..64).map(noise), share, 1)
+        };
+        assert!((error(1, usize::MAX) - 0.252).abs() < 1e-3);
+        assert!((error(1, LEFT_OUT) - 1e-3_f64.sqrt()).abs() < 1e-9);
+        assert!(error(8, LEFT_OUT) > 0.5);
+        // Few pixels are never left out, nor are those without noise counted.
+        assert_eq!(
+            tile_error([4.0, 0.0].map(|alone| Noise { alone, apart: 0.0 }).into_iter(), LEFT_OUT, 1),
+            2.0
+        );
+        assert_eq!(tile_error(std::iter::empty(), LEFT_OUT, 1), 0.0);
     }
 
     #[test]

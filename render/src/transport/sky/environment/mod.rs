@@ -70,6 +70,8 @@ pub struct EnvironmentLight {
     pub(crate) level: Level,
     /// Number of light samples per tier at vertices that take several, each a power of 2.
     pub lights: [u32; TIERS],
+    /// Number of light samples per tier at vertices that take several under near light, in total at most 4.
+    pub near_lights: [u32; TIERS],
     /// Number of channel values that were negative or not finite and were replaced with 0.
     pub broken: u64,
     /// Integral of radiance over the sphere, per channel.
@@ -135,7 +137,13 @@ impl EnvironmentLight {
             ..0.7 => [1, 4],
             _ => [2, 2],
         };
-        Self { texel_grid, texels, tiers, level: Level::new(), lights, broken, power }
+        let near_lights = match share {
+            0.0 => [0, 4],
+            1.0.. => [4, 0],
+            ..0.7 => [1, 2],
+            _ => [2, 2],
+        };
+        Self { texel_grid, texels, tiers, level: Level::new(), lights, near_lights, broken, power }
     }
 
     /// Maximum radiance, and an upper bound of the irradiance of any surface, per channel.
@@ -263,6 +271,13 @@ impl EnvironmentLight {
         let direction = self.texel_grid.within(texel, place);
         let texel = (texel.1 * self.texel_grid.width + texel.0) as u32;
         DrawnDirection { direction, texel, expected: number * row.probability }
+    }
+
+    /// Column and row of the texel of a sampled direction.
+    #[inline]
+    pub(crate) fn texel_of(&self, drawn: &DrawnDirection) -> (usize, usize) {
+        let (texel, width) = (drawn.texel, self.texel_grid.width as u32);
+        ((texel % width) as usize, (texel / width) as usize)
     }
 
     /// Light of a sampled direction.

@@ -2,7 +2,7 @@ use engine::Up;
 
 use super::*;
 use crate::geometry::sampling::{Points, stream};
-use crate::transport::sky::defensive::DefensiveSampling;
+use crate::transport::sky::defensive::{DefensiveSampling, NearLights};
 use crate::transport::sky::light_draws::wanted;
 use scene::math::equirect;
 use testing::{chi_square, row};
@@ -235,15 +235,24 @@ fn samples_follow_their_densities() {
             let what = format!("{name}, {side:?}");
             let one = |i| sky.sample_one(side, point(i, 0)).into_iter().collect();
             follows(&what, sky, one, |d| sky.eval_one(side, d).pdf);
-            let defensive = DefensiveSampling::new(sky, side);
-            let light = |d| defensive.light(d, &sky.texel(d));
-            let one = |i| {
-                let mut found = Vec::new();
-                let wanted = defensive.choose(sky, point(i, 0));
-                sky.draw_placed(wanted.as_slice(), |drawn| found.push(light(drawn.direction)));
-                found
-            };
-            follows(&format!("{what}, defensive"), sky, one, |d| light(d).pdf);
+            // A sky without bright texels, or with nothing else, has no samples in the other tier.
+            for lights in [NearLights::One, NearLights::Tiers([1, 2]), NearLights::Tiers(sky.near_lights)] {
+                let (defensive, count) = (DefensiveSampling::new(sky, side, lights), lights.count());
+                let light = |d| {
+                    let light = defensive.light(d, &sky.texel(d));
+                    LightSample { pdf: count as f32 * light.pdf, ..light }
+                };
+                let each = |i| {
+                    let points = Points::new(stream(5, i, 1), 0);
+                    let wanted =
+                        |number| defensive.choose(sky, number, lights.points(&points, number).bits(0));
+                    let wanted: Vec<_> = (0..count).filter_map(wanted).collect();
+                    let mut found = Vec::new();
+                    sky.draw_placed(&wanted, |drawn| found.push(light(drawn.direction)));
+                    found
+                };
+                follows(&format!("{what}, defensive, {lights:?}"), sky, each, |d| light(d).pdf);
+            }
         }
         // As at the first vertex of a path: several samples per tier, for the normals of a tile and the directions
         // of the objects.
