@@ -12,7 +12,7 @@ use scene::io::gltf::animation::AfterEnd;
 use scene::io::splats::Frame;
 
 /// Path of a folder for the files of this process. The folder is in memory if the system has `/dev/shm`.
-fn folder() -> &'static Path {
+pub fn folder() -> &'static Path {
     static FOLDER: OnceLock<PathBuf> = OnceLock::new();
     FOLDER.get_or_init(|| {
         let memory = Path::new("/dev/shm");

@@ -65,7 +65,7 @@ pub struct Standing {
     pub stand: LevelEstimate,
     /// Metres per unit that the user has set, in place of the scale of `stand`.
     pub chosen_scale: Option<f64>,
-    /// True if the format of the file defines an up axis.
+    /// True if the format of the file defines +y as up, so that loading has rotated the capture.
     #[cfg(feature = "serve")]
     pub is_declared: bool,
 }
@@ -199,7 +199,7 @@ impl Standing {
             stand,
             chosen_scale: None,
             #[cfg(feature = "serve")]
-            is_declared: declared.is_some(),
+            is_declared: declared == Some(Up::PlusY),
         })
     }
 

@@ -55,4 +55,5 @@ fn functions_of_the_fuzz_targets_read_files() {
         file::streamed(0, &files)
     };
     assert!(scene(list.as_bytes()) && !scene(&cut(list.as_bytes())));
+    std::fs::remove_dir_all(file::folder()).expect("the folder exists");
 }
