@@ -4,15 +4,15 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 use engine::{Context, InputFile, Kind, NodeError, Notes, Scene, SourceRoot, Up};
-use scene::io::gltf::animation::AfterEnd;
-use scene::io::splats::Frame;
 use nodes::kinds::load_cameras::{self, Distortion, LoadCameras};
 use nodes::kinds::load_mesh::{self, ColourEncoding, LoadMesh, MeshFrame};
 use nodes::kinds::load_object::{self, LoadObject};
 use nodes::kinds::load_splats::{self, LoadSplats};
+use scene::io::gltf::animation::AfterEnd;
+use scene::io::splats::Frame;
 
 /// Path of a folder for the files of this process. The folder is in memory if the system has `/dev/shm`.
-fn folder() -> &'static Path {
+pub fn folder() -> &'static Path {
     static FOLDER: OnceLock<PathBuf> = OnceLock::new();
     FOLDER.get_or_init(|| {
         let memory = Path::new("/dev/shm");
@@ -24,7 +24,11 @@ fn folder() -> &'static Path {
 }
 
 /// Writes files and runs a kind on them. As in the engine, `sources` is called before `run`.
-fn run<K: Kind>(params: &K::Params, inputs: K::In, files: &[(&str, &[u8])]) -> Result<(K::Out, Notes), NodeError> {
+fn run<K: Kind>(
+    params: &K::Params,
+    inputs: K::In,
+    files: &[(&str, &[u8])],
+) -> Result<(K::Out, Notes), NodeError> {
     for (name, bytes) in files {
         std::fs::write(folder().join(name), bytes).expect("the files of a target must be writable");
     }
@@ -36,8 +40,8 @@ fn run<K: Kind>(params: &K::Params, inputs: K::In, files: &[(&str, &[u8])]) -> R
 }
 
 /// Writes `files`, which are pairs of name and content, and reads cameras from the file `path`. All numbers must be
-/// finite.
-pub fn cameras(path: &str, files: &[(&str, &[u8])]) {
+/// finite. Returns true if the file was read.
+pub fn cameras(path: &str, files: &[(&str, &[u8])]) -> bool {
     let params = LoadCameras {
         path: InputFile(path.to_owned()),
         pick: Vec::new(),
@@ -50,40 +54,42 @@ pub fn cameras(path: &str, files: &[(&str, &[u8])]) {
         time_s: 0.0,
         after_end: AfterEnd::Refuse,
     };
-    if let Ok((out, _)) = run::<LoadCameras>(&params, load_cameras::In {}, files) {
-        for camera in &out.rig.cameras {
-            let lens = [camera.fx, camera.fy, camera.cx, camera.cy];
-            assert!(lens.iter().chain(&camera.world_from_camera).all(|v| v.is_finite()));
-            assert!(camera.width_px > 0 && camera.height_px > 0);
-        }
+    let Ok((out, _)) = run::<LoadCameras>(&params, load_cameras::In {}, files) else { return false };
+    for camera in &out.rig.cameras {
+        let lens = [camera.fx, camera.fy, camera.cx, camera.cy];
+        assert!(lens.iter().chain(&camera.world_from_camera).all(|v| v.is_finite()));
+        assert!(camera.width_px > 0 && camera.height_px > 0);
     }
+    true
 }
 
-/// Writes `data` to the file `name`, and reads it as the mesh of a place. All indices must be valid.
-pub fn mesh(name: &str, data: &[u8]) {
+/// Writes `data` to the file `name`, and reads it as the mesh of a place. All indices must be valid. Returns true if
+/// the file was read.
+pub fn mesh(name: &str, data: &[u8]) -> bool {
     let path = InputFile(name.to_owned());
     let params = LoadMesh { path, colours: ColourEncoding::Auto, frame: MeshFrame::World, matrix: None };
-    if let Ok((out, _)) = run::<LoadMesh>(&params, load_mesh::In {}, &[(name, data)]) {
-        let vertices = out.mesh.positions.len();
-        assert!(out.mesh.triangles.as_flattened().iter().all(|&index| (index as usize) < vertices));
-    }
+    let Ok((out, _)) = run::<LoadMesh>(&params, load_mesh::In {}, &[(name, data)]) else { return false };
+    let vertices = out.mesh.positions.len();
+    assert!(out.mesh.triangles.as_flattened().iter().all(|&index| (index as usize) < vertices));
+    true
 }
 
-/// Writes `data` to the file `name`, and reads it as an object. All indices must be valid.
-pub fn object(name: &str, data: &[u8]) {
+/// Writes `data` to the file `name`, and reads it as an object. All indices must be valid. Returns true if the file
+/// was read.
+pub fn object(name: &str, data: &[u8]) -> bool {
     let path = InputFile(name.to_owned());
     let params = LoadObject { path, scene: None, clip: None, time_s: 0.0, after_end: AfterEnd::Refuse };
-    if let Ok((out, _)) = run::<LoadObject>(&params, load_object::In {}, &[(name, data)]) {
-        for primitive in &out.object.primitives {
-            let vertices = primitive.positions.len();
-            assert!(primitive.triangles.as_flattened().iter().all(|&index| (index as usize) < vertices));
-        }
+    let Ok((out, _)) = run::<LoadObject>(&params, load_object::In {}, &[(name, data)]) else { return false };
+    for primitive in &out.object.primitives {
+        let vertices = primitive.positions.len();
+        assert!(primitive.triangles.as_flattened().iter().all(|&index| (index as usize) < vertices));
     }
+    true
 }
 
 /// Writes `files`, which may be damaged, and loads the level `level` of the streamed scene that `lod-meta.json`
-/// describes. All positions must be finite.
-pub fn streamed(level: u32, files: &[(&str, &[u8])]) {
+/// describes. All positions must be finite. Returns true if the scene was read.
+pub fn streamed(level: u32, files: &[(&str, &[u8])]) -> bool {
     let params = LoadSplats {
         path: InputFile("lod-meta.json".to_owned()),
         more: Vec::new(),
@@ -93,9 +99,9 @@ pub fn streamed(level: u32, files: &[(&str, &[u8])]) {
         frame: Frame::ByFormat,
         matrix: None,
     };
-    if let Ok((out, _)) = run::<LoadSplats>(&params, load_splats::In {}, files) {
-        assert!(out.splats.means.as_flattened().iter().all(|v| v.is_finite()));
-    }
+    let Ok((out, _)) = run::<LoadSplats>(&params, load_splats::In {}, files) else { return false };
+    assert!(out.splats.means.as_flattened().iter().all(|v| v.is_finite()));
+    true
 }
 
 /// Splits `data` into two parts. The first two bytes of `data` are the length of the first part.

@@ -108,7 +108,7 @@ pub fn of_splats(file: &Path, cameras: Option<&Path>) -> Result<Drawn, NodeError
     let standing = Standing::of(file, cameras)?;
     let mut lines = String::new();
     if standing.by != UpBy::Measured {
-        let word = if standing.by == UpBy::Format { "defined by the file format" } else { "a GUESS" };
+        let word = if standing.by == UpBy::Format { "stated by the file" } else { "a GUESS" };
         let _ = writeln!(
             lines,
             "{:>14}  up is {word}; the views below apply to `scene: (up: \"{}\")`",

@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 use engine::{Graph, Wire, nearest};
 
 use super::error::Error;
+use crate::terminal;
 
 /// The wires of an input with this name; empty if the node has no such input or nothing is wired to it.
 pub fn wires<'a>(graph: &'a Graph, node: usize, input: &str) -> &'a [Wire] {
@@ -55,10 +56,16 @@ fn at_frames(graph: &Graph, nodes: Vec<usize>, frames: &str) -> Result<Vec<usize
         frame(node).is_some_and(|frame| (f64::from(first)..=f64::from(last)).contains(&frame))
     };
     let found: Vec<usize> = nodes.into_iter().filter(within).collect();
+    let least = all.iter().copied().fold(f64::INFINITY, f64::min);
+    let most = all.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     if found.is_empty() {
-        let least = all.iter().copied().fold(f64::INFINITY, f64::min);
-        let most = all.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         return Err(Error::usage(format!("the graph has the frames {least} to {most}, not {frames}")));
+    }
+    if f64::from(first) < least || f64::from(last) > most {
+        let text = format!(
+            "the selected nodes have the frames {least} to {most}; the others of {frames} do not exist"
+        );
+        terminal::remark(&text);
     }
     Ok(found)
 }

@@ -1,5 +1,6 @@
 //! Reads scenes of splats from files, outside a graph, for `convert` and `inspect`.
 
+use std::io::Read;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -7,6 +8,7 @@ use clap::{Args, ValueEnum};
 use engine::{Context, FileHead, InputFile, Kind, Level, NodeError, Notes, Scene, SourceRoot, Up};
 use nodes::kinds::load_splats::{self, Frame, LoadSplats};
 use scene::io::picture::floats_of;
+use scene::io::splats::StatedUp;
 use scene::types::Splats;
 
 use super::error::Error;
@@ -96,6 +98,17 @@ pub fn check(path: &Path) -> Result<(), NodeError> {
     usable
         .then_some(())
         .ok_or_else(|| NodeError::new(format!("`{name}` is neither a regular file nor a folder")))
+}
+
+/// Number of bytes at the start of a file that are read for the comments of its header.
+const HEAD: u64 = 1 << 16;
+
+/// The up axis that a comment of a PLY file states; `None` for other files.
+pub fn commented_up(path: &Path) -> Option<Up> {
+    let mut head = Vec::new();
+    let file = path.is_file().then(|| std::fs::File::open(path).ok()).flatten()?;
+    file.take(HEAD).read_to_end(&mut head).ok()?;
+    StatedUp::of(&head).filter(|up| !up.by_format).map(|up| up.axis)
 }
 
 /// Reads a scene of any format without the harmonics above degree 0, for statistics that do not use them. Also

@@ -8,7 +8,7 @@ use glam::DVec3;
 use nodes::kinds::load_cameras::{self, Distortion, LoadCameras};
 use nodes::kinds::load_splats::{self, Frame, LoadSplats};
 use render::geometry::level::{self, LevelEstimate};
-use scene::io::splats::{Format, from_y_up};
+use scene::io::splats::{StatedUp, from_y_up};
 use scene::math::equirect::axes;
 use scene::math::num;
 use scene::types::frame::Similarity;
@@ -65,7 +65,7 @@ pub struct Standing {
     pub stand: LevelEstimate,
     /// Metres per unit that the user has set, in place of the scale of `stand`.
     pub chosen_scale: Option<f64>,
-    /// True if the format of the file defines an up axis.
+    /// True if the format of the file defines +y as up, so that loading has rotated the capture.
     #[cfg(feature = "serve")]
     pub is_declared: bool,
 }
@@ -126,24 +126,25 @@ fn degrees(a: DVec3, b: DVec3) -> f64 {
 }
 
 /// Determines the up axis of the world, the transform of the capture to the world, the basis on which the up axis
-/// was determined, and the confidence. If the format declares an up axis, the loader has already rotated the
+/// was determined, and the confidence. If the format defines an up axis, the loader has already rotated the
 /// capture to +z.
-fn upright(measured: Option<&LevelEstimate>, declared: Option<Up>) -> (Up, Option<[f64; 16]>, UpBy, f64) {
+fn upright(measured: Option<&LevelEstimate>, stated: Option<StatedUp>) -> (Up, Option<[f64; 16]>, UpBy, f64) {
+    let is_turned = stated.is_some_and(|up| up.by_format);
     let sure = measured.filter(|found| found.is_sure());
-    let leaning = measured.filter(|found| declared.is_none() && found.confidence >= LEANING);
+    let leaning = measured.filter(|found| stated.is_none() && found.confidence >= LEANING);
     if let Some(found) = sure.or(leaning) {
         let by = if found.is_sure() { UpBy::Measured } else { UpBy::Guessed };
         let up = DVec3::from_array(found.up);
         let near = |axis: &Up| degrees(up, axes(*axis)[2]) <= STRAIGHT_DEG;
         let axis = [Up::PlusZ, Up::PlusY, Up::MinusY].into_iter().find(near);
-        if let Some(axis) = axis.filter(|axis| declared.is_none() || *axis == Up::PlusZ) {
+        if let Some(axis) = axis.filter(|axis| !is_turned || *axis == Up::PlusZ) {
             return (axis, None, by, found.confidence);
         }
         let turn = Similarity { rotation: found.turn_to(DVec3::Z), ..Similarity::IDENTITY };
         return (Up::PlusZ, Some(turn.rows()), by, found.confidence);
     }
-    match declared {
-        Some(_) => (Up::PlusZ, None, UpBy::Format, 0.8),
+    match stated {
+        Some(up) => (if up.by_format { Up::PlusZ } else { up.axis }, None, UpBy::Format, 0.8),
         // The usual convention of trainers.
         None => (Up::MinusY, None, UpBy::Guessed, 0.3),
     }
@@ -154,8 +155,9 @@ impl Standing {
     pub fn of(splats: &Path, cameras: Option<&Path>) -> Result<Self, NodeError> {
         // A folder is a SOG scene, which says nothing about axes.
         let bytes = std::fs::read(splats).unwrap_or_default();
-        let declared = Format::of("", &bytes).ok().and_then(Format::declared_up);
+        let stated = StatedUp::of(&bytes);
         drop(bytes);
+        let declared = stated.filter(|up| up.by_format).map(|up| up.axis);
         let cx = context(Up::PlusZ);
         let first = load(splats, None, &cx)?;
         // The cameras are in the frame of the file, which a declared format is turned from.
@@ -168,7 +170,7 @@ impl Standing {
             check_cameras(&first, rig, path)?;
         }
         let measured = level::of_splats(&first, in_file.as_deref());
-        let (up, matrix, by, confidence) = upright(measured.as_ref(), declared);
+        let (up, matrix, by, confidence) = upright(measured.as_ref(), stated);
         let cx = context(up);
         let place = match matrix {
             None => first,
@@ -197,7 +199,7 @@ impl Standing {
             stand,
             chosen_scale: None,
             #[cfg(feature = "serve")]
-            is_declared: declared.is_some(),
+            is_declared: declared == Some(Up::PlusY),
         })
     }
 

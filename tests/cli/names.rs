@@ -37,6 +37,15 @@ fn frames_are_named_by_ranges_and_keep_their_names() {
     std::fs::remove_dir_all(place.path("out")).unwrap();
     place.run(&["--only", "each/frame=0999", "--frames", "998-1003"]).good();
     assert_eq!(names(&place), wanted(&[999]));
+    // Frames that do not exist are named. This test fails if `at_frames` compares neither end of the range.
+    for (range, says) in
+        [("1003-1010", "the frames 998 to 1003"), ("990-998", "others of 990-998"), ("999-1000", "")]
+    {
+        let output = place.call(&["run", "graph.ron", "--frames", range]);
+        let text = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.success() && text.contains(says), "{range}: {text}");
+        assert_eq!(text.contains("do not exist"), !says.is_empty(), "{range}: {text}");
+    }
     for wrong in ["7-5", "x", "1-", "5000-6000"] {
         assert_eq!(place.call(&["run", "graph.ron", "--frames", wrong]).status.code(), Some(2), "{wrong}");
     }

@@ -68,6 +68,65 @@ fn converting_says_what_it_took_for_granted() {
     assert!(!place.path("a.spz").exists());
 }
 
+/// The up axis that a comment of a PLY file states is used and reported, and that of a USD stage is reported. This test
+/// fails if `convert` takes -y for such a file, or `inspect` prints only axes of formats.
+#[test]
+fn axes_that_a_file_states_are_used() {
+    let place = Place::new("");
+    let plain = room(1.0, 0.0);
+    let at = plain.windows(14).position(|window| window == b"element vertex").unwrap();
+    let file = [&plain[..at], b"comment Vertical Axis: z\n", &plain[at..]].concat();
+    std::fs::write(place.path("room.ply"), file).unwrap();
+    std::fs::write(place.path("plain.ply"), plain).unwrap();
+    let (code, text) = printed(&place.call(&["convert", "room.ply", "room.spz"]));
+    assert!(code == Some(0) && text.contains("from +z up") && !text.contains("up-unlikely"), "{text}");
+    let (code, _) = printed(&place.call(&["convert", "plain.ply", "plain.spz", "--up", "+z"]));
+    assert_eq!(code, Some(0));
+    assert!(
+        std::fs::read(place.path("room.spz")).unwrap() == std::fs::read(place.path("plain.spz")).unwrap()
+    );
+    let (code, text) = printed(&place.call(&["convert", "room.ply", "room.spz", "--up=-y"]));
+    assert!(code == Some(0) && text.contains("a comment of `room.ply` says that +z is up"), "{text}");
+    let (_, text) = printed(&place.call(&["inspect", "room.ply", "--json"]));
+    assert!(text.contains("\"declared_up\":\"+z\""), "{text}");
+    let (_, text) = printed(&place.call(&["inspect", "room.ply"]));
+    assert!(text.contains("+z, stated by a comment of the file"), "{text}");
+    let (_, text) = printed(&place.call(&["inspect", "room.spz"]));
+    assert!(text.contains("[spz-axes]"), "{text}");
+    let stage = "#usda 1.0\n(\n upAxis = \"Z\"\n metersPerUnit = 1\n)\ndef ParticleField3DGaussianSplat \"S\"\n{\n \
+                 point3f[] positions = [(1, 2, 3), (0, 0, 1)]\n}\n";
+    std::fs::write(place.path("a.usda"), stage).unwrap();
+    let (_, text) = printed(&place.call(&["inspect", "a.usda", "--json"]));
+    assert!(text.contains("\"declared_up\":\"+z\""), "{text}");
+}
+
+/// A picture that cannot be read is reported as `LoadImage` reports it. This test fails if `inspect` drops the error of
+/// the reader.
+#[test]
+fn pictures_that_cannot_be_read_are_named_with_the_reason() {
+    let place = Place::new("");
+    // One directory with the tag of the compression: LZMA.
+    let tags = [
+        b"II*\0\x08\0\0\0\x04\0".to_vec(),
+        tag(256, 2),
+        tag(257, 2),
+        tag(259, 34_925),
+        tag(262, 2),
+        vec![0; 4],
+    ];
+    std::fs::write(place.path("a.tif"), tags.concat()).unwrap();
+    let (code, text) = printed(&place.call(&["inspect", "a.tif"]));
+    assert!(code == Some(1) && text.contains("LZMA compression; save it with deflate"), "{text}");
+    std::fs::write(place.path("a.exr"), b"\x76\x2f\x31\x01\x02\0\0\0").unwrap();
+    let (code, text) = printed(&place.call(&["inspect", "a.exr"]));
+    assert!(code == Some(1) && text.contains("`a.exr`: not a complete EXR"), "{text}");
+}
+
+/// An entry of a TIFF directory with one number of 16 bits.
+fn tag(number: u16, value: u16) -> Vec<u8> {
+    [number, 3, 1, 0, value, 0].map(u16::to_le_bytes).as_flattened().to_vec()
+}
+
 #[test]
 #[cfg(unix)]
 fn what_is_no_file_is_refused_at_once() {

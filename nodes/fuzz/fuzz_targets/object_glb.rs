@@ -1,2 +1,4 @@
 #![no_main]
-libfuzzer_sys::fuzz_target!(|data: &[u8]| target::file::object("a.glb", data));
+libfuzzer_sys::fuzz_target!(|data: &[u8]| {
+    target::file::object("a.glb", data);
+});

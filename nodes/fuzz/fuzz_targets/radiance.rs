@@ -1,2 +1,4 @@
 #![no_main]
-libfuzzer_sys::fuzz_target!(|data: &[u8]| target::picture(&[b"#?RADIANCE\n", data].concat()));
+libfuzzer_sys::fuzz_target!(|data: &[u8]| {
+    target::picture(&[b"#?RADIANCE\n", data].concat());
+});

@@ -1,2 +1,4 @@
 #![no_main]
-libfuzzer_sys::fuzz_target!(|data: &[u8]| target::read(b"\x1f\x8b\x08", data));
+libfuzzer_sys::fuzz_target!(|data: &[u8]| {
+    target::read(b"\x1f\x8b\x08", data);
+});

@@ -35,9 +35,11 @@ engine::params! {
     ///
     /// SPZ and glTF define +y as up, so their scenes are rotated to the `up` of the graph's scene, like objects:
     /// (x, y, z) becomes (x, -z, y) for +z and (x, -y, -z) for -y. Coordinates of glTF are metres and are also
-    /// divided by `metres_per_unit`. The other formats define no up axis, and their coordinates are used as stored.
-    /// Set `up` of the graph's scene to the up axis of the file, which is usually -y for INRIA PLY. `frame`
-    /// overrides these rules.
+    /// divided by `metres_per_unit`. USD states its up axis and its unit, and is converted likewise. The other formats
+    /// define no up axis, and their coordinates are used as stored. Set `up` of the graph's scene to the up axis of
+    /// the file, which is usually -y for INRIA PLY, and +z for files with the comment `Vertical Axis: z`, which
+    /// nerfstudio writes. `frame` overrides these rules: `AsStored` reads SPZ files of splat-transform 3, which have the
+    /// axes of its input.
     pub struct LoadSplats {
         /// The file, or the folder of a SOG scene.
         path: InputFile, other("\"b.ply\"");
@@ -73,7 +75,7 @@ engine::outputs! {
 
 impl Kind for LoadSplats {
     const NAME: &'static str = "load-splats";
-    const VERSION: u32 = 6;
+    const VERSION: u32 = 7;
     const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
     const STORE: Keep = Keep::Cheap;
     const FOLDERS: bool = true;
@@ -106,7 +108,9 @@ impl Kind for LoadSplats {
         if splats.is_empty() {
             notes.degraded("no-splats", "the scene contains no splat that can be drawn");
         }
-        if let Some(text) = other_up(&splats, params.matrix.as_ref(), cx)? {
+        // A comment of the file has the same meaning.
+        let reported = notes.iter().any(|note| note.id == "up-differs");
+        if let Some(text) = other_up(&splats, params.matrix.as_ref(), cx)?.filter(|_| !reported) {
             notes.warning("up-differs", text);
         }
         Ok((Out { splats: Arc::new(splats) }, notes))

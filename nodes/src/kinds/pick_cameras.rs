@@ -10,8 +10,8 @@ engine::params! {
     /// Picks cameras of a rig, for example one camera for each value of an axis.
     ///
     /// With `axes: (frame: Cameras("rig"))` and `pick: [Axis("frame")]`, the nodes that read the picked camera run
-    /// once for each camera of the rig. Their memory does not grow with the number of cameras, and the cache keeps
-    /// the result of each camera separately. The camera file is read only once.
+    /// once for each camera of the rig. Their memory is bounded by `--memory` whatever the number of cameras, and
+    /// the cache keeps the result of each camera separately. The camera file is read only once.
     pub struct PickCameras {
         /// Cameras to pick, in this order. An entry is a name, with the wildcards `*` and `?`; a range of indices
         /// from 0, such as `2..5`, or `0..400..8` for every eighth camera; or a single index. The default is all

@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 mod files;
+mod fuzz;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;

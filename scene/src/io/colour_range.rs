@@ -1,5 +1,7 @@
 //! Inference of the value that stands for white in the point colours of a file, which file formats do not specify.
 
+use engine::Notes;
+
 use super::ply::Scalar;
 
 /// The colour value that stands for white in a file.
@@ -21,14 +23,24 @@ impl Range {
     pub const UNIT: Self = Self { white: 1.0, guessed: false };
 
     /// Determines the range of colours of the type `scalar`. For integers of 8 and 16 bits, white is the largest
-    /// number of the type. Integers of 32 bits are assumed to hold 8-bit codes, since some programs write all
-    /// integers with one type. For floats, see [`of_floats`](Self::of_floats).
+    /// number of the type. Some programs store codes of 8 bits with a wider type: integers of 32 bits are assumed to
+    /// hold such codes, and for integers of 16 bits this is inferred from their values, as for floats
+    /// ([`of_floats`](Self::of_floats)).
     pub fn of<I: Iterator<Item = f64>>(scalar: Scalar, numbers: impl FnOnce() -> I) -> Self {
         match scalar {
             Scalar::I32 | Scalar::U32 => Self { white: 255.0, guessed: false },
             Scalar::F32 | Scalar::F64 => Self::of_floats(numbers()),
-            other => Self { white: other.whole_range().map_or(1.0, |(_, high)| high), guessed: false },
+            Scalar::I16 | Scalar::U16 => {
+                let bytes = Self::of_floats(numbers());
+                if bytes.guessed { bytes } else { Self::of_type(scalar) }
+            }
+            Scalar::I8 | Scalar::U8 => Self::of_type(scalar),
         }
+    }
+
+    /// The range of integers whose white is the largest number of their type.
+    fn of_type(scalar: Scalar) -> Self {
+        Self { white: scalar.whole_range().map_or(1.0, |(_, high)| high), guessed: false }
     }
 
     /// The range of floats, inferred from their values: white is 1, or 255 if at least half of the numbers above 0
@@ -43,6 +55,11 @@ impl Range {
         }
         let bytes = above > 0 && above >= count - above && most <= BYTE;
         Self { white: if bytes { 255.0 } else { 1.0 }, guessed: bytes }
+    }
+
+    /// Warns that the range of the colours of a mesh was inferred.
+    pub fn warn(self, notes: &mut Notes) {
+        notes.warning("colour-range", format!("vertex colours are assumed to range {}", self.words()));
     }
 
     /// The range in words, to follow the word "colours".
@@ -80,5 +97,21 @@ mod tests {
         assert_eq!(Range::of(Scalar::U8, none).white, 255.0);
         assert_eq!(Range::of(Scalar::U16, none).white, 65_535.0);
         assert_eq!(Range::of(Scalar::I32, none).white, 255.0);
+    }
+
+    /// Codes of 8 bits in integers of 16 bits. This test fails if `of` does not look at the values of such integers,
+    /// or infers 255 from codes of 0 and 1.
+    #[test]
+    fn codes_of_8_bits_in_16_bits_are_known_by_their_values() {
+        for (scalar, white) in [(Scalar::U16, 65_535.0), (Scalar::I16, 32_767.0)] {
+            let of = |numbers: &[f64]| Range::of(scalar, || numbers.iter().copied());
+            for codes in [&[0.0, 255.0, 128.0][..], &[3.0, 2.0, 1.0], &[0.0, 0.0, 200.0]] {
+                assert_eq!(of(codes), Range { white: 255.0, guessed: true }, "{codes:?}");
+            }
+            for codes in [&[0.0, 0.0, 0.0][..], &[0.0, 1.0, 1.0], &[255.0, 256.0, 0.0], &[30_000.0, 7.0, 9.0]]
+            {
+                assert_eq!(of(codes), Range { white, guessed: false }, "{codes:?}");
+            }
+        }
     }
 }

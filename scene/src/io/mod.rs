@@ -30,5 +30,6 @@ pub mod source_colour;
 pub mod splats;
 pub mod surface;
 pub mod tiff;
+mod tiff_tags;
 mod turn;
 pub mod webp;

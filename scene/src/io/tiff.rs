@@ -11,6 +11,7 @@ use super::believable::believable;
 use super::icc;
 use super::progress::{Progress, TrackedReader};
 use super::source_colour::SourceColour;
+use super::tiff_tags;
 use super::turn::Turn;
 use crate::error::Error;
 
@@ -36,7 +37,9 @@ pub struct Tiff {
     pub colour: Option<SourceColour>,
     /// True if the file states that its colours are sRGB.
     pub is_srgb: bool,
-    /// Content of the file that is not used.
+    /// True if the file has pages after the first.
+    pub has_more_pages: bool,
+    /// Other content of the file that is not used.
     pub ignored: Vec<String>,
     /// The turn that makes the picture upright.
     pub(super) turn: Turn,
@@ -89,9 +92,16 @@ fn turn_of<R: Read + Seek>(decoder: &mut Decoder<R>) -> Turn {
 /// [`Error::Format`] if the file is damaged, [`Error::Unsupported`] for raw pictures of cameras and other kinds of
 /// samples.
 pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Tiff, Error> {
-    let bad = |error: TiffError| match error {
-        TiffError::UnsupportedError(what) => Error::unsupported(file, format!("a TIFF of this kind: {what}")),
-        error => Error::format(file, format!("not a complete TIFF: {error}")),
+    let unread = || tiff_tags::unread(bytes).map(|what| Error::unsupported(file, what));
+    let bad = |error: TiffError| {
+        // Tags of samples that are not read may also seem to contradict each other.
+        let by_tags = matches!(error, TiffError::UnsupportedError(_) | TiffError::FormatError(_));
+        by_tags.then(unread).flatten().unwrap_or_else(|| match error {
+            TiffError::UnsupportedError(what) => {
+                Error::unsupported(file, format!("a TIFF of this kind: {what}"))
+            }
+            error => Error::format(file, format!("not a complete TIFF: {error}")),
+        })
     };
     let decoder = Decoder::new(TrackedReader::new(bytes, progress)).map_err(bad)?;
     // LZW and deflate expand a byte to less than 1400.
@@ -105,7 +115,9 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Tiff
     let (width, height) = decoder.dimensions().map_err(bad)?;
     let color = decoder.colortype().map_err(bad)?;
     let Some(channels) = channels_of(color) else {
-        return Err(Error::unsupported(file, format!("a TIFF of the type {}; save it as RGB", named(color))));
+        let other =
+            || Error::unsupported(file, format!("a TIFF of the type {}; save it as RGB", named(color)));
+        return Err(unread().unwrap_or_else(other));
     };
     let bits = color.bit_depth();
     if bits < 8 {
@@ -117,10 +129,7 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Tiff
     let premultiplied = alpha.first() == Some(&ExtraSamples::AssociatedAlpha.to_u16());
     let profile = decoder.find_tag(Tag::IccProfile).ok().flatten().and_then(|value| value.into_u8_vec().ok());
     let turn = turn_of(&mut decoder);
-    let mut ignored = Vec::new();
-    if decoder.more_images() {
-        ignored.push("pictures after the first".to_owned());
-    }
+    let (mut ignored, has_more_pages) = (Vec::new(), decoder.more_images());
     let mut decoded = DecodingResult::U8(Vec::new());
     let layout = decoder.read_image_to_buffer(&mut decoded).map_err(bad)?;
     let is_planar = layout.planes > 1;
@@ -144,6 +153,7 @@ pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Tiff
         premultiplied: premultiplied && channels.is_multiple_of(2),
         colour,
         is_srgb,
+        has_more_pages,
         ignored,
         turn,
     })
@@ -280,7 +290,7 @@ mod tests {
             assert!(error.contains(says), "{error}");
         }
         let cmyk = read(&file::<colortype::CMYK8>(&[7; 24], &[])).expect_err("is CMYK");
-        assert!(cmyk.contains("CMYK; save it as RGB"), "{cmyk}");
+        assert!(cmyk.contains("CMYK colours; save it as RGB"), "{cmyk}");
         let wide = read(&file::<colortype::Gray32>(&[7; 6], &[])).expect_err("has 32 bits");
         assert!(wide.contains("32-bit"), "{wide}");
         // Two bits per sample: the value of the tag BitsPerSample.

@@ -26,7 +26,8 @@ pub struct Convert {
     /// a mesh
     output: PathBuf,
     /// The up axis of files whose format does not define one, such as PLY. SPZ and glTF have +y up, so a scene is
-    /// rotated when it is converted from or to them [default: -y, which most INRIA files have]
+    /// rotated when it is converted from or to them [default: the axis that a comment of the file states, else -y,
+    /// which most INRIA files have]
     #[arg(long, value_enum, allow_hyphen_values = true)]
     up: Option<UpArg>,
     /// Keep the coordinates as stored, even if the formats define different up axes
@@ -62,7 +63,8 @@ impl Convert {
             (_, true) => SaveFormat::Spz4,
             (format, false) => format,
         };
-        let up = self.up.unwrap_or(UpArg::MinusY).into();
+        let commented = splats::commented_up(&self.input);
+        let up = self.up.map(Up::from).or(commented).unwrap_or(Up::MinusY);
         let cx = splats::context(up);
         let frame = if self.as_stored { Frame::AsStored } else { Frame::ByFormat };
         let convert = || {
@@ -77,6 +79,11 @@ impl Convert {
             let (bytes, mut lost) = encode(&scene, format, (!self.as_stored).then_some(up), &cx)?;
             // The up axis is the default, and it changes the output.
             let ours = self.up.is_none() && !notes.iter().any(|note| note.id == "frame");
+            if let Some(other) = commented.filter(|other| !self.as_stored && *other != up) {
+                let (name, other, up) = (self.input.display(), other.name(), up.name());
+                let text = format!("`--up` is {up}, but a comment of `{name}` says that {other} is up");
+                lost.warning("up-unlikely", text);
+            }
             if ours && lost.iter().any(|note| note.id == "frame") {
                 warn_of_floor(&scene, up, &mut lost, &cx)?;
             }

@@ -14,9 +14,12 @@ pub(super) struct Answer<'a> {
     /// Type of the content: `splats`, `mesh` or `picture`.
     pub(super) holds: &'static str,
     pub(super) format: Option<&'static str>,
-    /// The up axis that the format defines; `None` if it defines none. Coordinates are reported as stored in either
+    /// The up axis that the format defines or the file states; `None` if there is none. Coordinates are reported as stored in either
     /// case.
     pub(super) declared_up: Option<&'static str>,
+    /// True if `declared_up` is the statement of a comment, for which the loader does not rotate the splats.
+    #[serde(skip)]
+    pub(super) is_up_comment: bool,
     #[serde(flatten)]
     pub(super) scene: Option<&'a Inspection>,
     #[serde(flatten)]

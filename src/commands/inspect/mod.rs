@@ -12,7 +12,7 @@ use engine::{NodeError, Notes, Up};
 use nodes::kinds::load_mesh::MeshFrame;
 use render::geometry::inspect::mesh;
 use render::geometry::inspect::splats::inspect as splats_of;
-use scene::io::splats::Format;
+use scene::io::splats::{Format, StatedUp};
 
 use crate::session::Error;
 use crate::session::look;
@@ -52,22 +52,27 @@ impl Inspect {
         let cx = splats::context(Up::PlusY);
         // A folder is a SOG scene, which defines no axes.
         let bytes = std::fs::read(&self.file).unwrap_or_default();
-        let format = Format::of("", &bytes).ok();
+        let (format, stated) = (Format::of("", &bytes).ok(), StatedUp::of(&bytes));
         let mut answer = Answer {
             file: self.file.display().to_string(),
             holds: "splats",
             format: format.map_or(Some("sog"), |format| Some(format.name())),
-            declared_up: format.and_then(Format::declared_up).map(Up::name),
+            declared_up: stated.map(|up| up.axis.name()),
+            is_up_comment: stated.is_some_and(|up| !up.by_format),
             scene: None,
             mesh: None,
             picture: None,
             notes: &Notes::none(),
         };
-        if let Some(found) = picture::inspect(&bytes) {
-            (answer.holds, answer.format, answer.picture) = ("picture", None, Some(&found));
-            self.print(&answer)?;
-            return self.draw(|| look::of_panorama(&self.file, &bytes));
-        }
+        let name = self.file.display().to_string();
+        let unread = match picture::inspect(&name, &bytes) {
+            Ok(found) => {
+                (answer.holds, answer.format, answer.picture) = ("picture", None, Some(&found));
+                self.print(&answer)?;
+                return self.draw(|| look::of_panorama(&self.file, &bytes));
+            }
+            Err(unread) => unread,
+        };
         let of_mesh = mesh_file::format(&self.file, &bytes);
         // The loaders read the file again.
         drop(bytes);
@@ -96,15 +101,16 @@ impl Inspect {
                 (answer.holds, answer.mesh, answer.notes) = ("mesh", Some(&inspected), &notes);
                 let declared = (of_mesh == "gltf").then_some(Up::PlusY);
                 (answer.format, answer.declared_up) = (Some(of_mesh), declared.map(Up::name));
+                answer.is_up_comment = false;
                 self.print(&answer)?;
                 return self.draw(|| look::of_mesh(&found, declared));
             }
             Err(of_mesh) if is_mesh => return Ok(splats::failed(&of_mesh)),
             _ => {}
         }
-        let name = self.file.display();
         let bytes = std::fs::read(&self.file).unwrap_or_default();
         let failed = match other::other(&self.file, &bytes) {
+            _ if other::is_picture(&bytes) => unread.into(),
             Some(what) => NodeError::new(format!("`{name}` holds neither splats nor a mesh; it is {what}")),
             None if is_mesh => NodeError::new(format!("`{name}` is a mesh that has no faces")),
             None => failed,

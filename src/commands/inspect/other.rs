@@ -2,9 +2,19 @@
 
 use std::path::Path;
 
-/// First bytes of picture files, one entry per format.
-const PICTURES: [&[u8]; 6] =
-    [b"#?", b"\x76\x2f\x31\x01", b"\x89PNG", b"\xff\xd8\xff", b"RIFF", b"\x00\x00\x00\x0cjP"];
+/// First bytes of picture files.
+const PICTURES: [&[u8]; 10] = [
+    b"#?",
+    b"\x76\x2f\x31\x01",
+    b"\x89PNG",
+    b"\xff\xd8\xff",
+    b"RIFF",
+    b"\x00\x00\x00\x0cjP",
+    b"II*\0",
+    b"MM\0*",
+    b"II+\0",
+    b"MM\0+",
+];
 /// JSON keys that identify the camera files of splat trainers, nerfstudio and Instant-NGP, which `load-cameras`
 /// reads.
 const CAMERAS: [&str; 5] = ["\"fx\"", "\"rotation\"", "\"camera_angle_x\"", "\"frames\"", "\"fl_x\""];
@@ -17,12 +27,6 @@ pub(super) fn is_picture(bytes: &[u8]) -> bool {
 /// Describes a file that is not a scene, and names the kind or subcommand that reads it. `None` for unknown files.
 pub(super) fn other(path: &Path, bytes: &[u8]) -> Option<String> {
     let ends_with = |end: &str| path.extension().is_some_and(|own| own.eq_ignore_ascii_case(end));
-    if is_picture(bytes) {
-        return Some(
-            "a picture; `load-image` reads it, or `load-environment` and `load-panorama` if it is a panorama"
-                .into(),
-        );
-    }
     if ends_with("ron") {
         return Some("a graph, which `lightharmony check` and `lightharmony plan` read".into());
     }
@@ -45,7 +49,7 @@ mod tests {
     #[test]
     fn files_are_known_by_what_they_hold() {
         let found = |name: &str, bytes: &[u8]| other(Path::new(name), bytes).unwrap_or_default();
-        assert!(found("a.hdr", b"#?RADIANCE\n").starts_with("a picture"));
+        assert!(is_picture(b"#?RADIANCE\n") && is_picture(b"MM\0*\0\0") && !is_picture(b"ply\n"));
         assert!(found("a.RON", b"Graph(").starts_with("a graph"));
         assert!(found("a.json", br#" [{"id": 0, "rotation": [], "fx": 1.0}]"#).starts_with("a camera file"));
         assert!(found("transforms.json", br#"{"fl_x": 1, "frames": []}"#).starts_with("a camera file"));

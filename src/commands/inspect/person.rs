@@ -121,7 +121,7 @@ pub fn person(answer: &Answer<'_>) -> String {
         of_picture(&mut text, picture);
     }
     match (answer.scene, answer.mesh) {
-        (Some(scene), _) => of_splats(&mut text, scene, answer.declared_up),
+        (Some(scene), _) => of_splats(&mut text, scene, answer),
         (None, Some(mesh)) => of_mesh(&mut text, mesh, answer.declared_up),
         (None, None) => {}
     }
@@ -188,7 +188,7 @@ fn of_mesh(text: &mut Lines, mesh: &mesh::Inspection, declared_up: Option<&str>)
     text.findings(&mesh.findings);
 }
 
-fn of_splats(text: &mut Lines, scene: &Inspection, declared_up: Option<&str>) {
+fn of_splats(text: &mut Lines, scene: &Inspection, answer: &Answer<'_>) {
     text.line("splats", scene.splats.to_string());
     let trained = if scene.antialiased { ", trained with antialiasing" } else { "" };
     text.line(
@@ -201,10 +201,17 @@ fn of_splats(text: &mut Lines, scene: &Inspection, declared_up: Option<&str>) {
         text.line("central 96 %", ruler.extent(core));
         text.line("median", ruler.vector(centre));
     }
-    if let Some(up) = declared_up {
-        let turned =
-            "`LoadSplats` rotates the splats to the up axis of the graph unless `frame: AsStored` is set";
-        text.line("up", format!("{up}, defined by the file format; {turned}"));
+    match answer.declared_up {
+        Some(up) if answer.is_up_comment => {
+            let used = "`LoadSplats` uses the coordinates as stored, so set `up` of the graph's scene to it";
+            text.line("up", format!("{up}, stated by a comment of the file; {used}"));
+        }
+        Some(up) => {
+            let turned =
+                "`LoadSplats` rotates the splats to the up axis of the graph unless `frame: AsStored` is set";
+            text.line("up", format!("{up}, defined by the file format; {turned}"));
+        }
+        None => {}
     }
     text.level(scene.level.as_ref(), ruler);
     if let Some(sizes) = &scene.sizes {

@@ -1,5 +1,6 @@
 //! The size and brightness of a picture.
 
+use scene::error::Error;
 use scene::io::picture::of_bytes;
 use scene::math::color::luminance;
 use scene::math::num;
@@ -33,15 +34,18 @@ pub(super) struct Peak {
     pub luminance: f64,
 }
 
-/// Reads a picture of any format; `None` for other files.
-pub(super) fn inspect(bytes: &[u8]) -> Option<Inspection> {
-    let picture = of_bytes("", bytes).ok()?;
+/// Reads a picture of any format.
+///
+/// # Errors
+/// The error of `load-image`, also for files that are not pictures.
+pub(super) fn inspect(name: &str, bytes: &[u8]) -> Result<Inspection, Error> {
+    let picture = of_bytes(name, bytes)?;
     let (width, height, channels) = picture.size();
     let encoding = picture.encoding();
     let linear = matches!(picture, Picture::Linear(_)) && channels >= 3;
     let mut found = Inspection { width, height, channels, encoding, peak: None, mean: None };
     if !linear {
-        return Some(found);
+        return Ok(found);
     }
     let mut sum = 0.0;
     for (at, pixel) in picture.samples().chunks_exact(channels).enumerate() {
@@ -52,7 +56,7 @@ pub(super) fn inspect(bytes: &[u8]) -> Option<Inspection> {
         }
     }
     found.mean = Some(sum / (width * height).max(1) as f64);
-    Some(found)
+    Ok(found)
 }
 
 /// Formats a luminance, with its distance from white in stops.
@@ -76,7 +80,7 @@ mod tests {
         // One row of two pixels in RGBE: 0.5 and 8.
         let mut file = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 2\n".to_vec();
         file.extend([128, 128, 128, 128, 128, 128, 128, 132]);
-        let found = inspect(&file).expect("a picture");
+        let found = inspect("a.hdr", &file).expect("a picture");
         assert_eq!((found.width, found.height, found.channels), (2, 1, 3));
         let peak = found.peak.expect("light");
         assert_eq!((peak.x, peak.y), (1, 0));
@@ -85,6 +89,6 @@ mod tests {
             "{peak:?}"
         );
         assert_eq!(brightness(8.0), "8.000, 3.0 stops above white");
-        assert_eq!(inspect(b"ply\n"), None);
+        assert!(inspect("a.ply", b"ply\n").is_err());
     }
 }

@@ -47,7 +47,7 @@ pub fn of_capture(standing: &Standing, metres_per_unit: f64) -> [Assumption; 3] 
     let by = match standing.by {
         UpBy::Measured if stand.by_cameras => "measured from the cameras",
         UpBy::Measured => "measured from the ground and the objects on it",
-        UpBy::Format => "defined by the file format, but not confirmed by the splats",
+        UpBy::Format => "stated by the file, but not confirmed by the splats",
         UpBy::Guessed => "guessed",
         #[cfg(feature = "serve")]
         UpBy::Chosen => "set by hand",

@@ -164,7 +164,7 @@ fn scene(o: &mut Lines, standing: &Standing, metres_per_unit: f64, is_fitted: bo
         }
         #[cfg(feature = "serve")]
         UpBy::Chosen => "The up axis was set by hand.",
-        UpBy::Format => "The up axis is defined by the file format.",
+        UpBy::Format => "The up axis is stated by the file.",
         UpBy::Guessed => {
             "The up axis is a GUESS: if the picture is tilted or upside down, write \"+z\", \"+y\" or \"-y\" here."
         }

@@ -78,6 +78,13 @@ pub fn read(p: &LoadCameras, bytes: &[u8], cx: &Context, notes: &mut Notes) -> R
             world_from_camera,
         });
     }
+    if parallel > 0 && cameras.is_empty() {
+        let what = format!(
+            "only orthographic cameras (count: {parallel}), and cameras of a graph are perspective; export a \
+             perspective camera"
+        );
+        return Err(Error::unsupported(file, what).into());
+    }
     if parallel > 0 {
         notes.warning(
             "parallel-cameras",

@@ -25,12 +25,13 @@ engine::params! {
     /// - A COLMAP model, as text or binary. Give its folder, or a folder that contains `sparse/0`.
     /// - `transforms.json` of nerfstudio, or `camera_path.json` of its viewer. A frame without a size has the size
     ///   of its picture.
-    /// - `cameras.json` of INRIA.
+    /// - `cameras.json` of INRIA, with the principal point `cx`, `cy` in pixels that some programs add.
     /// - The perspective cameras of a glTF or GLB scene. They are converted from the glTF frame (y up, metres) to
     ///   the world in the same way as objects. Their pictures are 1080 * `resolution` pixels high. With `clip`, an
     ///   animation of the file places them.
     ///
-    /// Pixel centres are at +0.5 in all formats. Lens distortion that moves no point of the picture by more than a
+    /// Pixel centres are at +0.5 in all formats. Distortion (`k1`, `p1`, ..) is read in all JSON formats and COLMAP.
+    /// Lens distortion that moves no point of the picture by more than a
     /// twentieth of a pixel is ignored. A view is named after its picture, without folder and extension. If several
     /// pictures have the same name, their names include as many folders as are needed to distinguish them, for
     /// example `day1_IMG_0001`.
@@ -39,8 +40,8 @@ engine::params! {
         path: InputFile, other("\"b.json\"");
         /// Cameras to load, in this order. An entry is the name or the path of a picture, with the wildcards `*`
         /// and `?`; a range of indices from 0, such as `2..5`, or `0..400..8` for every eighth camera; or a single
-        /// index. The default is all cameras. To render one camera after the other, so that memory does not grow
-        /// with their number, load all cameras and pick one with `pick-cameras`.
+        /// index. The default is all cameras. To render one camera after the other, so that memory is bounded
+        /// whatever their number, load all cameras and pick one with `pick-cameras`.
         pick: Vec<Pick> = Vec::new(), other("[\"0..1\"]");
         /// Name of the list in lightharmony's own JSON format.
         list: String = "views".to_owned(), other("\"cube_faces\""), inert("only lightharmony's own JSON has lists");

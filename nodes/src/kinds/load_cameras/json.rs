@@ -4,11 +4,11 @@
 use engine::Notes;
 use glam::{DMat4, DVec4};
 use scene::error::Error;
-use scene::io::capture::distortion::{Bend, Coefficients};
 use scene::io::capture::raw::Raw;
 use scene::io::foreign::{json_text, portable_path, refuse_foreign};
-use scene::math::num;
 use serde_json::Value;
+
+use super::lens::{bend, by_angle, focal, level, optional};
 
 /// Function that returns the width and height of a picture, given its path as written in the file. If the picture
 /// cannot be read, the error is the end of a sentence that begins with the picture.
@@ -73,6 +73,11 @@ pub fn read(
             .collect()
     };
     if let Some(cameras) = json.as_array() {
+        if cameras.iter().any(|v| v["transform"].is_array() && v["rotation"].is_null()) {
+            let what = "a list of poses without lenses, as `ns-export cameras` of nerfstudio writes it; use the \
+                        `transforms.json` of the capture, with `dataparser` for splats that nerfstudio exported";
+            return Err(Error::unsupported(file, what));
+        }
         return all(cameras, &inria);
     }
     if let Some(frames) = json["frames"].as_array() {
@@ -157,101 +162,16 @@ fn own(v: &Value) -> Result<Raw, String> {
     } else {
         pose(matrix(v, "c2w_opengl", 4)?, true)
     };
+    let (width, height) = (pixels(v, "w")?, pixels(v, "h")?);
+    let lens = [number(v, "fx")?, number(v, "fy")?, number(v, "cx")?, number(v, "cy")?];
     Ok(Raw {
         picture: v["name"].as_str().ok_or("has no `name`")?.to_owned(),
-        width: pixels(v, "w")?,
-        height: pixels(v, "h")?,
-        lens: [number(v, "fx")?, number(v, "fy")?, number(v, "cx")?, number(v, "cy")?],
-        distortion: None,
+        width,
+        height,
+        lens,
+        distortion: bend(v, v, [width, height], lens)?,
         world_from_camera,
     })
-}
-
-/// Returns `frame` if it has one of `keys`, and otherwise the top level of the file.
-fn level<'a>(top: &'a Value, frame: &'a Value, keys: &[&str]) -> &'a Value {
-    if keys.iter().any(|key| !frame[*key].is_null()) { frame } else { top }
-}
-
-/// Keys in instant-ngp's `transforms.json` that mark lenses other than pinhole cameras.
-const OTHER_LENSES: [&str; 5] =
-    ["latlong", "equirectangular", "orthographic", "ftheta_p0", "is_equirectangular"];
-
-/// Number of a key as nerfstudio reads it: a number, or a text that holds a number. `None` if the key is absent or
-/// null; any other value is an error.
-fn optional(holder: &Value, key: &str) -> Result<Option<f64>, String> {
-    let number = match &holder[key] {
-        Value::Null => return Ok(None),
-        Value::Number(number) => number.as_f64(),
-        Value::String(text) => text.trim().parse().ok(),
-        _ => None,
-    };
-    number.map(Some).ok_or_else(|| format!("has a `{key}` that is not a number"))
-}
-
-/// Focal length along an axis, in pixels. The file gives it as a length, or as a field of view in radians or in
-/// degrees. `None` if the file gives none of these. A field of view outside 0 to 180 degrees is an error.
-fn focal(holder: &Value, [length, radians, degrees]: [&str; 3], size: u64) -> Result<Option<f64>, String> {
-    if let Some(length) = optional(holder, length)? {
-        return Ok(Some(length));
-    }
-    if let Some(angle) = optional(holder, radians)? {
-        return by_angle(angle, size).map(Some).ok_or_else(|| {
-            format!(
-                "has the angle `{radians}` {angle}, which is not between 0 and pi: `{radians}` is in radians; for an \
-                 angle in degrees, use `{degrees}`"
-            )
-        });
-    }
-    let Some(angle) = optional(holder, degrees)? else { return Ok(None) };
-    by_angle(angle.to_radians(), size)
-        .map(Some)
-        .ok_or_else(|| format!("has the angle `{degrees}` {angle}, which is not between 0 and 180 degrees"))
-}
-
-/// Focal length in pixels of a lens whose field of view, in radians, covers `size` pixels. `None` if the field of
-/// view is not between 0 and pi.
-fn by_angle(angle: f64, size: u64) -> Option<f64> {
-    let valid = angle > 0.0 && angle < std::f64::consts::PI;
-    valid.then(|| size as f64 / 2.0 / num::f64::tan(angle / 2.0))
-}
-
-/// Names of the coefficients of lens distortion, in the order of [`Coefficients`].
-const COEFFICIENTS: [&str; 8] = ["k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"];
-/// Positions of the numbers of nerfstudio's `distortion_params` in [`COEFFICIENTS`]: k1, k2, k3, k4, p1, p2.
-const LISTED: [usize; 6] = [0, 1, 2, 3, 6, 7];
-
-/// Coefficients of lens distortion of a frame, and the non-zero coefficients as text. They are keys of their own,
-/// or the numbers of the list `distortion_params`. If both give a coefficient, the larger magnitude counts, since
-/// programs differ in which they prefer.
-fn coefficients(top: &Value, frame: &Value) -> Result<(Coefficients, Vec<String>), String> {
-    const LIST: &str = "distortion_params";
-    let mut numbers = [0.0; COEFFICIENTS.len()];
-    for (name, to) in COEFFICIENTS.into_iter().zip(&mut numbers) {
-        *to = optional(level(top, frame, &[name]), name)?.unwrap_or(0.0);
-    }
-    match &level(top, frame, &[LIST])[LIST] {
-        Value::Null => {}
-        Value::Array(list) => {
-            let listed = list.iter().map(Value::as_f64).collect::<Option<Vec<f64>>>();
-            let listed = listed.ok_or_else(|| format!("has a `{LIST}` whose entries are not numbers"))?;
-            if listed.len() != LISTED.len() && listed.iter().any(|number| *number != 0.0) {
-                return Err(format!(
-                    "has a `{LIST}` of length {}, instead of the six numbers k1, k2, k3, k4, p1, p2",
-                    listed.len()
-                ));
-            }
-            for (at, number) in LISTED.into_iter().zip(listed) {
-                if number.abs() > numbers[at].abs() {
-                    numbers[at] = number;
-                }
-            }
-        }
-        _ => return Err(format!("has a `{LIST}` that is not a list of numbers")),
-    }
-    let named = COEFFICIENTS.iter().zip(numbers).filter(|(_, number)| *number != 0.0);
-    let bends = named.map(|(name, number)| format!("{name} {number}")).collect();
-    let [k @ .., p1, p2] = numbers;
-    Ok((Coefficients { k, p: [p1, p2], ..Coefficients::default() }, bends))
 }
 
 /// Reads a frame as described on nerfstudio's page on its data format. Values missing in a frame are taken from the
@@ -278,42 +198,15 @@ fn nerfstudio(top: &Value, frame: &Value, sizes: Sizes<'_>) -> Result<Raw, Strin
     };
     let middle =
         |key: &str, size: u64| Ok::<_, String>(optional(holder(key), key)?.unwrap_or(size as f64 / 2.0));
-    let model = holder("camera_model")["camera_model"].as_str().unwrap_or("OPENCV");
-    let (found, bends) = coefficients(top, frame)?;
-    if let Some(flag) = OTHER_LENSES.into_iter().find(|flag| is_set(&holder(flag)[*flag])) {
-        return Err(format!("has `{flag}`, so it is not a pinhole camera"));
-    }
-    let fisheye = is_set(&holder("is_fisheye")["is_fisheye"]);
-    let upper = model.to_ascii_uppercase();
-    // Fisheye models distort even when all their coefficients are 0.
-    let bent = match upper.as_str() {
-        _ if fisheye || upper.contains("FISHEYE") => true,
-        "OPENCV" | "PINHOLE" | "SIMPLE_PINHOLE" | "PERSPECTIVE" | "SIMPLE_RADIAL" | "RADIAL"
-        | "FULL_OPENCV" => !found.is_zero(),
-        _ => return Err(format!("has the camera model `{model}`, which is not a pinhole camera")),
-    };
     let lens = [fx, fy, middle("cx", width)?, middle("cy", height)?];
-    let fish = fisheye || upper.contains("FISHEYE");
-    let pixels = if fish { f64::INFINITY } else { found.pixels([width, height], lens) };
-    let name = if fisheye { format!("{model}, `is_fisheye`") } else { model.to_owned() };
     Ok(Raw {
         picture,
         width,
         height,
         lens,
-        distortion: bent.then(|| Bend { text: [vec![name], bends].concat().join(" "), pixels }),
+        distortion: bend(top, frame, [width, height], lens)?,
         world_from_camera: pose(matrix(frame, "transform_matrix", 4)?, true),
     })
-}
-
-/// True if a flag is set: programs write it as `true`, a number or a text.
-fn is_set(value: &Value) -> bool {
-    match value {
-        Value::Bool(set) => *set,
-        Value::Number(number) => number.as_f64() != Some(0.0),
-        Value::String(text) => matches!(text.to_ascii_lowercase().as_str(), "true" | "1" | "yes"),
-        _ => false,
-    }
 }
 
 /// Reads a camera of `camera_path.json` of nerfstudio's viewer: a matrix of 16 numbers in row-major order, or
@@ -346,21 +239,24 @@ fn path_camera(top: &Value, camera: &Value, index: usize) -> Result<Raw, String>
     })
 }
 
-/// Reads a camera written by `camera_to_JSON` of the INRIA code: position and rotation from camera to world.
+/// Reads a camera written by `camera_to_JSON` of the INRIA code: position and rotation from camera to world. Some
+/// programs add the principal point `cx`, `cy` in pixels; otherwise it is the middle of the picture.
 fn inria(v: &Value) -> Result<Raw, String> {
     let mut rows = matrix(v, "rotation", 3)?;
     for (axis, row) in rows.iter_mut().enumerate() {
         row[3] = v["position"][axis].as_f64().ok_or("has no `position`")?;
     }
     let (width, height) = (pixels(v, "width")?, pixels(v, "height")?);
+    let middle = |key: &str, size: u64| Ok::<_, String>(optional(v, key)?.unwrap_or(size as f64 / 2.0));
+    let lens = [number(v, "fx")?, number(v, "fy")?, middle("cx", width)?, middle("cy", height)?];
     let picture =
         v["img_name"].as_str().map(str::to_owned).or_else(|| v["id"].as_u64().map(|id| id.to_string()));
     Ok(Raw {
         picture: picture.ok_or("has neither `img_name` nor `id`")?,
         width,
         height,
-        lens: [number(v, "fx")?, number(v, "fy")?, width as f64 / 2.0, height as f64 / 2.0],
-        distortion: None,
+        lens,
+        distortion: bend(v, v, [width, height], lens)?,
         world_from_camera: pose(rows, false),
     })
 }

@@ -6,6 +6,7 @@ mod files;
 mod gltf;
 mod interface;
 mod json;
+mod lens;
 #[cfg(test)]
 mod tests;
 
@@ -68,7 +69,7 @@ impl LoadCameras {
 
 impl Kind for LoadCameras {
     const NAME: &'static str = "load-cameras";
-    const VERSION: u32 = 6;
+    const VERSION: u32 = 7;
     const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
     const STORE: Keep = Keep::Cheap;
     const FOLDERS: bool = true;

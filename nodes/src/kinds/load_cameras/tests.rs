@@ -303,6 +303,23 @@ fn cameras_of_gltf_come_into_the_world_as_objects_do() {
     assert!(LoadCameras::check(&text).is_err() && LoadCameras::check(&p).is_ok());
 }
 
+/// Files that hold no usable camera are named with what to do. This test fails if `read` takes a list of poses for
+/// INRIA's cameras, or if orthographic cameras are only left out.
+#[test]
+fn poses_without_lenses_and_orthographic_cameras_are_named() {
+    let poses = r#"[{"file_path": "images/a.png", "transform": [[1, 0, 0, 1], [0, 1, 0, 2], [0, 0, 1, 3]]}]"#;
+    let error = of_json(poses).err().map(|e| e.to_string()).unwrap_or_default();
+    assert!(error.contains("`ns-export cameras`") && error.contains("use the `transforms.json`"), "{error}");
+    let gltf = r#"{"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"camera": 0}],
+        "cameras": [{"type": "orthographic", "orthographic": {"xmag": 1, "ymag": 1, "znear": 0.1, "zfar": 9}}]}"#;
+    let error = load(&[("a.gltf", gltf.as_bytes())], &node("a.gltf")).err();
+    let error = error.map(|e| e.to_string()).unwrap_or_default();
+    assert!(
+        error.contains("only orthographic cameras (count: 1)") && error.contains("perspective"),
+        "{error}"
+    );
+}
+
 // Some exporters write tabs or two spaces between words. An earlier version refused them as "not understood".
 #[test]
 fn words_of_colmap_texts_are_separated_by_any_white_space() {

@@ -72,7 +72,7 @@ engine::outputs! {
 
 impl Kind for LoadMesh {
     const NAME: &'static str = "load-mesh";
-    const VERSION: u32 = 8;
+    const VERSION: u32 = 9;
     const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
     const STORE: Keep = Keep::Cheap;
     type Params = Self;

@@ -314,3 +314,40 @@ fn colours_as_floats_to_255_are_display_colours() {
     let (_, notes) = of(["1000 0 0", "0.5 0.5 0.5", "0 0 0"]);
     assert!(notes.iter().any(|note| note.id == "colours-clamped"));
 }
+
+/// Codes of 8 bits in integers of 16 bits, of vertices and of faces, are the colours of the same file with integers of
+/// 8 bits. This test fails if `to_unit` does not look at the values.
+#[test]
+fn codes_of_8_bits_in_16_bits_are_display_colours() {
+    let text = |scalar: &str, rows: [&str; 3]| {
+        format!(
+            "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+             property {scalar} red\nproperty {scalar} green\nproperty {scalar} blue\nelement face 1\n\
+             property list uchar int vertex_indices\nend_header\n0 0 0 {}\n1 0 0 {}\n0 1 0 {}\n3 0 1 2\n",
+            rows[0], rows[1], rows[2]
+        )
+    };
+    let warned = |notes: &Notes| notes.iter().any(|note| note.id == "colour-range");
+    let bits = |mesh: &Mesh| mesh.colours.iter().map(|c| c.map(f32::to_bits)).collect::<Vec<_>>();
+    for rows in [["204 51 0", "255 102 51", "153 0 0"], ["0 0 0", "0 7 0", "0 0 0"], ["2 3 4"; 3]] {
+        let (wanted, notes) = good(text("uchar", rows).as_bytes());
+        assert!(!warned(&notes));
+        for scalar in ["ushort", "short", "uint16"] {
+            let (mesh, notes) = good(text(scalar, rows).as_bytes());
+            assert!(bits(&mesh) == bits(&wanted) && warned(&notes), "{scalar} {rows:?}: {mesh:?}");
+        }
+    }
+    for rows in [["0 0 0"; 3], ["255 256 0", "0 0 0", "0 0 0"], ["1 1 0", "1 0 1", "0 0 0"]] {
+        let (mesh, notes) = good(text("ushort", rows).as_bytes());
+        assert!(!warned(&notes) && mesh.colours.as_flattened().iter().all(|c| *c < 0.001), "{rows:?}");
+    }
+    let face = |scalar: &str| {
+        let colours =
+            format!("property {scalar} red\nproperty {scalar} green\nproperty {scalar} blue\nend_header");
+        let plain = text("uchar", [""; 3]);
+        let plain = plain.replace("property uchar red\nproperty uchar green\nproperty uchar blue\n", "");
+        good(plain.replace("end_header", &colours).replace("3 0 1 2", "3 0 1 2 200 100 0").as_bytes())
+    };
+    let ((wanted, _), (mesh, notes)) = (face("uchar"), face("ushort"));
+    assert!(bits(&mesh) == bits(&wanted) && warned(&notes), "{mesh:?}");
+}

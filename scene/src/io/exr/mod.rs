@@ -2,6 +2,7 @@
 //! bytes.
 
 mod camera;
+mod compression;
 mod part;
 mod planes;
 mod read;

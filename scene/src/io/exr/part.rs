@@ -7,33 +7,92 @@ pub(super) fn part_name(header: &Header) -> String {
     header.own_attributes.layer_name.as_ref().map_or_else(String::new, ToString::to_string)
 }
 
-/// The layer of the colours of a part: an empty name for colour channels or a grey channel without a layer (not the
-/// Y of a vector), and the name of the part if the names of its channels begin with it, as some programs write
-/// them. `None` if the part has neither.
-fn colours(header: &Header) -> Option<String> {
-    let holds = |layer: &str| {
-        let prefix = if layer.is_empty() { String::new() } else { format!("{layer}.") };
-        let has = |letter: &str| {
-            let name = format!("{prefix}{letter}");
-            header.channels.list.iter().any(|channel| channel.name.eq(name.as_str()))
-        };
-        let all = |letters: [&str; 3]| letters.into_iter().all(has);
-        all(["R", "G", "B"]) || all(["r", "g", "b"]) || layer.is_empty() && has("Y") && !has("X")
-    };
-    let name = part_name(header);
-    [String::new(), name].into_iter().find(|layer| holds(layer))
+/// Names that programs give to parts with vectors, distances and identifiers, which may be stored as R, G and B.
+const DATA: [&str; 30] = [
+    "n",
+    "ng",
+    "ns",
+    "normal",
+    "normals",
+    "p",
+    "pref",
+    "pworld",
+    "pos",
+    "position",
+    "positions",
+    "point",
+    "points",
+    "depth",
+    "z",
+    "zdepth",
+    "uv",
+    "uvs",
+    "st",
+    "motion",
+    "motionvector",
+    "motionvectors",
+    "velocity",
+    "vector",
+    "vectors",
+    "tangent",
+    "tangents",
+    "id",
+    "ids",
+    "crypto",
+];
+
+/// True if the name of a part, or the last of its words, is that of a part without colours.
+fn is_data(name: &str) -> bool {
+    let lower = name.to_ascii_lowercase();
+    let last = lower.rsplit(['.', '/', ' ', '_']).next().unwrap_or_default();
+    DATA.contains(&last.trim_end_matches(|c: char| c.is_ascii_digit())) || lower.contains("cryptomatte")
 }
 
-/// The part of a file that contains a layer, and the name of the layer within the part. An empty name selects the
-/// first flat part with colours, whose channels may carry the name of the part, or, if no part has colours, the
-/// first flat part. Any other name is the name of a layer in any part, the name of a part, or both, separated by a
+/// The colours of a part.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Colours {
+    /// R, G and B without a layer.
+    Plain,
+    /// R, G and B in a layer with the name of the part, as some programs write them.
+    Named,
+    /// A grey channel Y without a layer, which is not the Y of a vector.
+    Grey,
+}
+
+/// The colours of a part that are read if no layer is named; `None` if it has none.
+fn colours(header: &Header) -> Option<Colours> {
+    let has = |name: &str| header.channels.list.iter().any(|channel| channel.name.eq(name));
+    let holds = |prefix: &str| {
+        let all = |letters: [&str; 3]| letters.iter().all(|letter| has(&format!("{prefix}{letter}")));
+        all(["R", "G", "B"]) || all(["r", "g", "b"])
+    };
+    if holds("") {
+        Some(Colours::Plain)
+    } else if has("Y") && !has("X") {
+        Some(Colours::Grey)
+    } else {
+        holds(&format!("{}.", part_name(header))).then_some(Colours::Named)
+    }
+}
+
+/// Name of the layer of the colours of a part.
+fn layer_of(header: &Header) -> String {
+    if colours(header) == Some(Colours::Named) { part_name(header) } else { String::new() }
+}
+
+/// The part of a file that contains a layer, and the name of the layer within the part. An empty name selects a flat
+/// part: the first with R, G and B; else the first with R, G and B in a layer with the name of the part; else the
+/// first with Y; else the first. Parts whose names are those of data, such as `N` or `depth`, come after all other
+/// parts that have colours. Any other name is the name of a layer in any part, the name of a part, or both, separated by a
 /// dot or a slash.
 pub fn choose_part<'a>(headers: &'a [Header], layer: &str) -> Option<(&'a Header, String)> {
     let flat = || headers.iter().filter(|header| !header.deep);
     let first = flat().next()?;
     if layer.is_empty() {
-        let coloured = flat().find_map(|header| colours(header).map(|layer| (header, layer)));
-        return Some(coloured.unwrap_or((first, String::new())));
+        let rank = |header: &Header| colours(header).map(|colours| (is_data(&part_name(header)), colours));
+        // The first of several that are equal.
+        let best = flat().filter(|header| rank(header).is_some()).min_by_key(|header| rank(header));
+        return Some(best.map_or((first, String::new()), |header| (header, layer_of(header))));
     }
     let holds = |header: &&Header, name: &str| {
         let channels = header.channels.list.iter().map(|channel| channel.name.to_string());
@@ -53,7 +112,7 @@ pub fn choose_part<'a>(headers: &'a [Header], layer: &str) -> Option<(&'a Header
             return Some((header, only.name.to_string()));
         }
         if rest.is_empty() {
-            return Some((header, colours(header).unwrap_or_default()));
+            return Some((header, layer_of(header)));
         }
         if let Some(rest) = rest.strip_prefix(['.', '/'])
             && holds(&header, rest)

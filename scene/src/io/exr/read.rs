@@ -11,6 +11,7 @@ use exr::meta::attribute::SampleType;
 use exr::meta::header::Header;
 use exr::prelude::{MetaData, ReadLayers, f16};
 
+use super::compression::refusal;
 use super::part::{choose_part, part_name};
 use super::planes::{Channel, Planes};
 use crate::error::Error;
@@ -51,12 +52,14 @@ pub struct Opened<'a> {
 /// # Errors
 /// If a header is invalid, or the part is not supported.
 pub fn open<'a>(file: &'a str, bytes: &'a [u8], layer: &str) -> Result<Opened<'a>, Error> {
-    let meta = MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(|e| broken(file, e))?;
+    let meta = MetaData::read_from_buffered(Cursor::new(bytes), false)
+        .map_err(|e| refusal(file, bytes).unwrap_or_else(|| broken(file, e)))?;
     let Some((header, layer)) = choose_part(&meta.headers, layer) else {
         return Err(Error::unsupported(file, "deep data"));
     };
     if matches!(header.compression, Compression::HTJ2K32 | Compression::HTJ2K256) {
-        return Err(Error::unsupported(file, "HTJ2K compression; save the picture with ZIP or PIZ"));
+        let unread = || Error::unsupported(file, "HTJ2K compression; save the picture with ZIP or PIZ");
+        return Err(refusal(file, bytes).unwrap_or_else(unread));
     }
     // The largest compression ratio found in a valid file is that of a black picture with PIZ compression.
     for header in &meta.headers {

@@ -8,6 +8,7 @@ use exr::prelude::{
     f16,
 };
 
+use super::compression::{ATTRIBUTE, refusal};
 use super::*;
 use crate::io::progress::Progress;
 use crate::math::color::primaries::REC709;
@@ -154,28 +155,63 @@ fn the_first_of_several_parts_is_read() {
     assert_eq!(back.find("Z"), None);
 }
 
+/// A file with parts of two pixels; each part has a name and channels of one value.
+fn with_parts(parts: &[(&str, &[(&str, f32)])]) -> Vec<u8> {
+    let plane = |(name, v): &(&str, f32)| AnyChannel::new(*name, FlatSamples::F32(vec![*v; 2]));
+    let part = |(name, list): &(&str, &[(&str, f32)])| {
+        let channels = list.iter().map(plane).collect();
+        Layer::new((2, 1), LayerAttributes::named(*name), Encoding::UNCOMPRESSED, AnyChannels::sort(channels))
+    };
+    let window = exr::prelude::IntegerBounds::from_dimensions((2, 1));
+    let layers: exr::prelude::Layers<_> = parts.iter().map(part).collect();
+    let image = Image::from_layers(exr::prelude::ImageAttributes::new(window), layers);
+    let mut bytes = Cursor::new(Vec::new());
+    image.write().non_parallel().to_buffered(&mut bytes).expect("writes");
+    bytes.into_inner()
+}
+
+/// Masks and vectors in front of the colours do not replace them, and are read if nothing else has colours. This test
+/// fails if `choose_part` takes the first part that has any of these channels.
+#[test]
+fn masks_and_vectors_in_front_of_the_colours_are_not_read() {
+    let rgb = [("R", 1.0), ("G", 2.0), ("B", 3.0)];
+    let own = [("rgb.R", 1.0), ("rgb.G", 2.0), ("rgb.B", 3.0)];
+    let (mask, vectors) =
+        (("mask", &[("Y", 9.0)][..]), ("N", &[("N.R", 7.0), ("N.G", 7.0), ("N.B", 7.0)][..]));
+    let plain = ("Normal", &[("R", 8.0), ("G", 8.0), ("B", 8.0)][..]);
+    let place = ("view.P01", &[("r", 6.0), ("g", 6.0), ("b", 6.0)][..]);
+    for (parts, part, layer) in [
+        (&[mask, ("rgb", &rgb[..])][..], "rgb", ""),
+        (&[vectors, ("rgb", &rgb)], "rgb", ""),
+        (&[plain, place, mask, ("rgb", &rgb)], "rgb", ""),
+        (&[mask, vectors, ("rgb", &own)], "rgb", "rgb"),
+        (&[("a", &rgb), mask, ("b", &rgb)], "a", ""),
+        (&[("rgb", &own), ("b", &rgb)], "b", ""),
+        (&[vectors, mask], "mask", ""),
+        (&[("id", &[("I", 1.0)]), vectors, plain], "Normal", ""),
+        (&[("id", &[("I", 1.0)]), vectors], "N", "N"),
+    ] {
+        let read = read("a.exr", &with_parts(parts)).expect("reads");
+        assert_eq!((read.part.as_str(), read.layer.as_str()), (part, layer), "{parts:?}");
+    }
+    // A part that is named is read, whatever it holds.
+    let bytes = with_parts(&[("rgb", &rgb), vectors, mask]);
+    for (name, layer) in [("N", "N"), ("mask", "Y")] {
+        let read = read_layer("a.exr", &bytes, name, Progress::UNTRACKED).expect("reads");
+        assert_eq!((read.part.as_str(), read.layer.as_str()), (name, layer));
+    }
+}
+
 /// If the first part of a file is a depth, the colours of a later part are read by default, and any part can be
 /// selected by name.
 #[test]
 fn colours_of_a_later_part_are_read_and_parts_can_be_named() {
-    let plane = |name: &str, v: f32| AnyChannel::new(name, FlatSamples::F32(vec![v; 2]));
-    let part = |name: &str, list: &[(&str, f32)]| {
-        let channels = list.iter().map(|(name, v)| plane(name, *v)).collect();
-        Layer::new((2, 1), LayerAttributes::named(name), Encoding::UNCOMPRESSED, AnyChannels::sort(channels))
-    };
-    let file = |parts: Vec<Layer<AnyChannels<FlatSamples>>>| {
-        let window = exr::prelude::IntegerBounds::from_dimensions((2, 1));
-        let image = Image::from_layers(exr::prelude::ImageAttributes::new(window), parts);
-        let mut bytes = Cursor::new(Vec::new());
-        image.write().non_parallel().to_buffered(&mut bytes).expect("writes");
-        bytes.into_inner()
-    };
     let rgb = |v: f32| [("R", v), ("G", v + 1.0), ("B", v + 2.0)];
-    let bytes = file(vec![
-        part("depth", &[("Z", 9.0)]),
-        part("beauty", &rgb(1.0)),
-        part("light", &[("key.R", 5.0), ("key.G", 6.0), ("key.B", 7.0)]),
-        part("left", &rgb(20.0)),
+    let bytes = with_parts(&[
+        ("depth", &[("Z", 9.0)]),
+        ("beauty", &rgb(1.0)),
+        ("light", &[("key.R", 5.0), ("key.G", 6.0), ("key.B", 7.0)]),
+        ("left", &rgb(20.0)),
     ]);
     let of = |layer: &str| {
         let read = read_layer("a.exr", &bytes, layer, Progress::UNTRACKED).expect("reads");
@@ -197,9 +233,9 @@ fn colours_of_a_later_part_are_read_and_parts_can_be_named() {
     let wanted = ["beauty.B", "beauty.G", "beauty.R", "depth.Z", "left.B", "left.G", "left.R", "light.key"];
     assert_eq!(layers, wanted);
     // Channels that carry the name of their part.
-    let named = file(vec![
-        part("depth", &[("depth.Z", 9.0)]),
-        part("beauty", &[("beauty.R", 1.0), ("beauty.G", 2.0), ("beauty.B", 3.0)]),
+    let named = with_parts(&[
+        ("depth", &[("depth.Z", 9.0)]),
+        ("beauty", &[("beauty.R", 1.0), ("beauty.G", 2.0), ("beauty.B", 3.0)]),
     ]);
     let of_named = |layer: &str| {
         let read = read_layer("a.exr", &named, layer, Progress::UNTRACKED).expect("reads");
@@ -208,12 +244,11 @@ fn colours_of_a_later_part_are_read_and_parts_can_be_named() {
     assert_eq!(of_named(""), is("beauty", "beauty", 3.0));
     assert_eq!(of_named("beauty"), is("beauty", "beauty", 3.0));
     // Colours of another layer are not chosen by default.
-    let other =
-        file(vec![part("depth", &[("Z", 9.0)]), part("a", &[("b.R", 1.0), ("b.G", 2.0), ("b.B", 3.0)])]);
+    let other = with_parts(&[("depth", &[("Z", 9.0)]), ("a", &[("b.R", 1.0), ("b.G", 2.0), ("b.B", 3.0)])]);
     assert_eq!(read("a.exr", &other).map(|read| read.part).expect("reads"), "depth");
-    let grey = file(vec![part("id", &[("I", 1.0)]), part("plate", &[("Y", 4.0)])]);
+    let grey = with_parts(&[("id", &[("I", 1.0)]), ("plate", &[("Y", 4.0)])]);
     assert_eq!(read("a.exr", &grey).map(|read| read.part).expect("reads"), "plate");
-    let none = file(vec![part("id", &[("I", 1.0)]), part("more", &[("J", 4.0)])]);
+    let none = with_parts(&[("id", &[("I", 1.0)]), ("more", &[("J", 4.0)])]);
     assert_eq!(read("a.exr", &none).map(|read| read.part).expect("reads"), "id");
 }
 
@@ -268,5 +303,22 @@ fn no_cut_or_flip_panics_and_every_cut_is_an_error() {
         let mut hurt = bytes.clone();
         hurt[at / 8] ^= 1 << (at % 8);
         drop(read("a.exr", &hurt));
+    }
+}
+
+/// Each compression that is not read is named, those that the library knows and those that it does not. This test
+/// fails if `open` does not call `refusal`.
+#[test]
+fn compressions_that_are_not_read_are_named() {
+    let plane = Channel { name: "Y".to_owned(), samples: vec![0.5; 6] };
+    let (bytes, _) = write(3, 2, vec![(plane, Depth::Half)], "", None).expect("writes");
+    assert!(read("a.exr", &bytes).is_ok() && refusal("a.exr", &bytes).is_none());
+    let at = bytes.windows(ATTRIBUTE.len()).position(|w| w == ATTRIBUTE).expect("has the attribute");
+    for (number, says) in [(10, "HTJ2K256"), (11, "HTJ2K32"), (12, "LJ2K"), (13, "ZSTD"), (77, "number 77")] {
+        let mut other = bytes.clone();
+        other[at + ATTRIBUTE.len()] = number;
+        let error = read("a.exr", &other).expect_err("is not read").to_string();
+        let wanted = format!("the compression {says}; save the picture with ZIP or PIZ");
+        assert!(error.contains(&wanted) && error.contains("a.exr"), "{error}");
     }
 }

@@ -54,6 +54,9 @@ pub(super) fn of_tiff(
     progress: Progress<'_>,
 ) -> Result<Decoded, Error> {
     report_ignored(&picture.ignored, notes);
+    if picture.has_more_pages {
+        notes.warning("one-page-only", "the file has several pages; the first is read");
+    }
     let Tiff { width, height, channels, samples, floats, premultiplied, .. } = picture;
     let alpha = channels.is_multiple_of(2);
     let stays = encoding == FileEncoding::Data || channels == 3 || (channels == 4 && premultiplied);

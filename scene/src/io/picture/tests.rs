@@ -109,6 +109,21 @@ fn tiffs_are_premultiplied_colour_or_data() {
     assert_eq!(picture.samples()[3..], [7.0; 3]);
 }
 
+/// The pages of a TIFF after the first are reported with an id of their own. This test fails if the number of pages is
+/// not looked at, or the first page is not the one that is read.
+#[test]
+fn pages_after_the_first_are_reported() {
+    use ::tiff::encoder::{TiffEncoder, colortype};
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    let mut encoder = TiffEncoder::new(&mut bytes).expect("a header");
+    for grey in [51, 255] {
+        encoder.write_image::<colortype::Gray8>(1, 1, &[grey]).expect("a picture");
+    }
+    let (picture, notes) = load(&bytes.into_inner(), FileEncoding::Auto, "");
+    assert_eq!(picture.samples(), [0.2; 3]);
+    assert_eq!(notes.iter().map(|note| note.id.as_str()).collect::<Vec<_>>(), ["one-page-only"]);
+}
+
 // Used to be decoded as display colours, with 0.5 becoming 0.21.
 #[test]
 fn a_picture_with_a_linear_profile_is_linear_light() {

@@ -1,5 +1,5 @@
-//! PLY files with rows of fixed length, and the positions of the fields in the rows of each element. ASCII and
-//! big-endian files are first converted to binary little-endian.
+//! PLY files with rows of fixed length, and the positions of the fields in the rows of each element. Files in ASCII,
+//! big-endian files, and files with lists in or before the rows of splats are first converted.
 
 use std::borrow::Cow;
 use std::fmt::Write as _;
@@ -133,11 +133,27 @@ impl FixedRows {
 /// Number of rows between two checks for cancellation.
 const CHECK_ROWS: usize = 65_536;
 
-/// The file as binary little-endian. A file in another encoding is converted: list properties are dropped, and all
-/// other properties keep their types.
+/// Elements whose rows are splats, or belong to them.
+const USED: [&str; 3] = ["chunk", "vertex", "sh"];
+
+/// True if an element of splats has lists or follows an element with lists, so that the positions of its rows are
+/// not known from the header.
+fn has_lists_before_splats(header: &ply::Header) -> bool {
+    let last = header.elements.iter().rposition(|element| USED.contains(&element.name.as_str()));
+    let upto = header.elements.iter().take(last.map_or(0, |last| last + 1));
+    upto.flat_map(|element| &element.properties).any(|property| property.count.is_some())
+}
+
+/// True if [`little_endian`] makes a converted copy of the file.
+pub fn is_converted(header: &ply::Header) -> bool {
+    header.format != Format::Little || has_lists_before_splats(header)
+}
+
+/// The file as binary little-endian with rows of fixed length. A file in another encoding, or with lists in or before
+/// the rows of splats, is converted: list properties are dropped, and all other properties keep their types.
 pub fn little_endian<'a>(file: &str, bytes: &'a [u8], cx: &Context) -> Result<Cow<'a, [u8]>, NodeError> {
     let header = ply::header(file, bytes)?;
-    if header.format == Format::Little {
+    if !is_converted(&header) {
         return Ok(Cow::Borrowed(bytes));
     }
     let mut text = "ply\nformat binary_little_endian 1.0\n".to_owned();

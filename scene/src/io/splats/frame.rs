@@ -147,8 +147,13 @@ impl Placing {
         let matrix = from_y_up(self.up) * from_y_up(up).transpose();
         let by =
             if self.frame == Frame::ByFormat { "according to its format" } else { "according to `frame`" };
-        let units = if scale == 1.0 { String::new() } else { format!(", and scaled by {scale}") };
-        let text = format!("has {} up, {by}; it was rotated to {} up{units}", up.name(), self.up.name());
+        let units = if scale == 1.0 { String::new() } else { format!("; it was scaled by {scale}") };
+        let turned = if matrix == DMat3::IDENTITY {
+            ", like the scene".to_owned()
+        } else {
+            format!("; it was rotated to {} up", self.up.name())
+        };
+        let text = format!("has {} up, {by}{turned}{units}", up.name());
         let idle = matrix == DMat3::IDENTITY && scale == 1.0;
         ((!idle).then_some((matrix, scale)), Some(text))
     }
@@ -209,5 +214,13 @@ mod tests {
         let placing = Placing { frame: Frame::ByFormat, up: Up::PlusY, metres_per_unit: 2.0 };
         assert!(placing.turn(None, false).1.is_none());
         assert_eq!(placing.turn(Some(Up::PlusY), true).0, Some((DMat3::IDENTITY, 0.5)));
+        // Only what was done is reported. This test fails if the text states a rotation that is the identity.
+        let text = |up: Up, metres: bool| placing.turn(Some(up), metres).1.unwrap();
+        assert_eq!(text(Up::PlusY, false), "has +y up, according to its format, like the scene");
+        assert_eq!(
+            text(Up::PlusY, true),
+            "has +y up, according to its format, like the scene; it was scaled by 0.5"
+        );
+        assert_eq!(text(Up::PlusZ, false), "has +z up, according to its format; it was rotated to +y up");
     }
 }

@@ -23,6 +23,7 @@ mod sog;
 mod source;
 mod splat;
 mod spz;
+mod stated_up;
 pub(crate) mod streamed;
 #[cfg(test)]
 #[allow(clippy::unwrap_used, reason = "a test may panic")]
@@ -39,3 +40,4 @@ pub use rows::{Row, RowFault, SH_C0, sh_rest};
 pub use sh_turn::ShTurn;
 pub use source::Format;
 pub(crate) use spz::{COLOUR_SCALE as SPZ_COLOUR_SCALE, rotation_10 as spz_rotation};
+pub use stated_up::StatedUp;

@@ -9,10 +9,11 @@
 use engine::{NodeError, Notes};
 
 use super::fixed_rows::{Element, Field, FixedRows};
+use super::frame::Frame;
 use super::loaded::Loaded;
 use super::reading::Reading;
 use super::rows::{Row, RowFault, SH_C0};
-use super::training;
+use super::training::{self, vertical_axis};
 use crate::error::Error;
 use crate::io::colour_range::Range;
 use crate::io::ply::{self, Scalar};
@@ -182,6 +183,16 @@ pub(super) fn load(
             some(&layout.unused)
         );
         notes.decision("fields-passed-over", text);
+    }
+    if reading.placing.frame == Frame::ByFormat
+        && let Some(stated) = vertical_axis(&header.comments).filter(|axis| *axis != reading.placing.up)
+    {
+        let (stated, up) = (stated.name(), reading.placing.up.name());
+        let text = format!(
+            "a comment of `{file}` says that {stated} is up, but `up` of the graph's scene is {up}; set `up: \"{stated}\"` \
+             in the graph's scene, or set `frame` or `matrix` of this node and rotate the cameras likewise"
+        );
+        notes.warning("up-differs", text);
     }
     let turn = reading.turn(file, None, false, notes);
     let stride = vertex.stride;

@@ -7,9 +7,8 @@ use flate2::read::GzDecoder;
 
 use super::bytes::{u8_at, u32_at};
 use super::rows::{Row, sh_rest};
-use super::{ksplat, spz};
+use super::{fixed_rows, ksplat, spz};
 use crate::io::head::{elements_of, ply_header};
-use crate::io::ply;
 
 /// Estimates two sizes in bytes: of the rows of a file, and of its decompressed data. The number of splats is taken
 /// from the header if the format stores it there. Otherwise it is estimated from the length of the file and the
@@ -29,8 +28,8 @@ pub fn of(file: &FileHead<'_>) -> (u64, u64) {
         [b'p', b'l', b'y', ..] | [0xef, 0xbb, 0xbf, b'p', b'l', b'y', ..] => {
             let header = file.open().and_then(|mut reader| ply_header(&mut reader));
             let elements = header.as_ref().map_or_else(Vec::new, elements_of);
-            // ASCII and big-endian files are first converted to a second file in memory.
-            let converted = header.iter().filter(|header| header.format != ply::Format::Little);
+            // Some files are first converted to a second file in memory.
+            let converted = header.iter().filter(|header| fixed_rows::is_converted(header));
             let stride = converted
                 .flat_map(|header| &header.elements)
                 .filter(|element| element.name == "vertex")

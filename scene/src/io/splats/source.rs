@@ -3,7 +3,7 @@
 use std::io::Read;
 use std::path::Path;
 
-use engine::{InputFile, NodeError, SourceFile, SourceRoot, Up};
+use engine::{InputFile, NodeError, SourceFile, SourceRoot};
 
 use super::gltf::{self, Document};
 use super::sog::Meta;
@@ -51,11 +51,6 @@ impl Format {
             Self::Splat => "splat",
             Self::Usda => "usda",
         }
-    }
-
-    /// The axis that the format defines as up; `None` for formats without such a definition.
-    pub fn declared_up(self) -> Option<Up> {
-        matches!(self, Self::Spz | Self::Glb | Self::Gltf).then_some(Up::PlusY)
     }
 
     /// Detects the format by content.

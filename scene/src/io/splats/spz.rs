@@ -259,6 +259,13 @@ pub(super) fn load(
         Some(turn) => turn,
         None => {
             let axes = named_axes(file, header.flags, &extensions)?;
+            if axes.is_none() {
+                let text = format!(
+                    "`{file}` does not name its axes, and the specification of SPZ has +y up; splat-transform 3 writes \
+                     the axes of its input unchanged, and `frame: AsStored` reads such files"
+                );
+                notes.decision("spz-axes", text);
+            }
             let axes = axes.filter(|_| reading.placing.frame == Frame::ByFormat).unwrap_or(DMat3::IDENTITY);
             let world = reading.world(file, Some(Up::PlusY), false, notes);
             let world = world.unwrap_or(Similarity::IDENTITY);

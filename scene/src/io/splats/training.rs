@@ -1,6 +1,6 @@
-//! Comments of PLY files in which trainers state how the splats were trained.
+//! Comments of PLY files in which trainers state how the splats were trained, and which axis is up.
 
-use engine::Notes;
+use engine::{Notes, Up};
 
 /// True if the comments say that the splats were trained antialiased, as the flags of SPZ and SOG do:
 /// `SplatRenderMode: mip` (Brush, gsplat, splat-transform), `antialiased 1` (Postshot), or the proposed
@@ -17,6 +17,21 @@ pub(super) fn antialiased(comments: &[String], file: &str, notes: &mut Notes) ->
         notes.decision("antialiased", text);
     }
     yes
+}
+
+/// The axis of the comment `Vertical Axis: z`, which nerfstudio writes into PLY files. The last such comment counts.
+pub(super) fn vertical_axis(comments: &[String]) -> Option<Up> {
+    comments.iter().rev().find_map(|comment| {
+        let (name, axis) = comment.split_once(':')?;
+        let axis =
+            name.trim().eq_ignore_ascii_case("vertical axis").then(|| axis.trim().to_ascii_lowercase())?;
+        match axis.as_str() {
+            "z" | "+z" => Some(Up::PlusZ),
+            "y" | "+y" => Some(Up::PlusY),
+            "-y" => Some(Up::MinusY),
+            _ => None,
+        }
+    })
 }
 
 /// The value that a comment states for antialiasing; `None` if the comment does not mention antialiasing.

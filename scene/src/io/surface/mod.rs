@@ -25,7 +25,7 @@ pub fn clean(
     let n = raw.positions.len();
     let range = Range::of_floats(raw.colours.as_flattened().iter().copied());
     if range.guessed {
-        notes.warning("colour-range", format!("vertex colours are assumed to range {}", range.words()));
+        range.warn(notes);
     }
     if let Some(bad) = raw.triangles.iter().position(|t| t.iter().any(|&v| v as usize >= n)) {
         let what = format!("triangle {bad} refers to a vertex that does not exist (number of vertices: {n})");

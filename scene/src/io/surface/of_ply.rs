@@ -25,7 +25,10 @@ pub fn from_ply(name: &str, bytes: &[u8], cx: &Context, notes: &mut Notes) -> Re
     for element in &header.elements {
         let count = rows.believable(element)?;
         match element.name.as_str() {
-            "vertex" => vertices(name, element, count, &mut rows, &mut raw, cx)?,
+            "vertex" => {
+                vertices(name, element, count, &mut rows, &mut raw, cx)?;
+                to_unit(element, &mut raw.colours, notes);
+            }
             "face" => of_faces = faces(name, element, count, &mut rows, &mut raw, cx)?,
             _ => {
                 for _ in 0..count {
@@ -39,6 +42,7 @@ pub fn from_ply(name: &str, bytes: &[u8], cx: &Context, notes: &mut Notes) -> Re
     if raw.colours.is_empty() && !of_faces.is_empty() && exist {
         let text = "only faces have colours, so each corner of a face gets the colour of the face";
         notes.decision("face-colours", text);
+        header.elements.iter().filter(|e| e.name == "face").for_each(|e| to_unit(e, &mut of_faces, notes));
         colour_corners(&mut raw, &of_faces);
     }
     Ok(raw)
@@ -64,17 +68,29 @@ fn colour_corners(raw: &mut RawMesh, of_triangles: &[[f64; 3]]) {
     raw.colours = first.into_iter().map(|colour| colour.unwrap_or(WHITE)).chain(more).collect();
 }
 
-/// Indices of the colour properties of an element, and the factor that scales their largest possible value to 1.
-/// `None` if the element has no colours.
-fn colours(element: &ply::Element) -> Option<([usize; 3], f64)> {
+/// Indices of the colour properties of an element; `None` if the element has no colours.
+fn colours(element: &ply::Element) -> Option<[usize; 3]> {
     let names = [["red", "green", "blue"], ["diffuse_red", "diffuse_green", "diffuse_blue"], ["r", "g", "b"]];
-    let found = names.iter().find_map(|names| {
+    names.iter().find_map(|names| {
         let found: Vec<usize> = names.iter().filter_map(|n| element.find(n)).collect();
         <[usize; 3]>::try_from(found).ok()
-    })?;
-    // Floats are scaled later, by their range.
-    let range = Range::of(element.properties[found[0]].scalar, std::iter::empty);
-    Some((found, 1.0 / range.white))
+    })
+}
+
+/// Scales colours that are stored as integers so that white is 1, with a warning if white was inferred from their
+/// values. The range of floats is inferred later, when all vertices are known.
+fn to_unit(element: &ply::Element, list: &mut [[f64; 3]], notes: &mut Notes) {
+    let Some([red, ..]) = colours(element) else { return };
+    let scalar = element.properties[red].scalar;
+    if scalar.whole_range().is_none() {
+        return;
+    }
+    let range = Range::of(scalar, || list.as_flattened().iter().copied());
+    if range.guessed {
+        range.warn(notes);
+    }
+    let scale = 1.0 / range.white;
+    list.as_flattened_mut().iter_mut().for_each(|number| *number *= scale);
 }
 
 fn vertices(
@@ -92,7 +108,7 @@ fn vertices(
         raw.finer |= element.properties[*slot].scalar == ply::Scalar::F64;
     }
     let colours = colours(element);
-    if let Some((colours, _)) = colours {
+    if let Some(colours) = colours {
         slots[3..].copy_from_slice(&colours);
         raw.colours.reserve(count);
     }
@@ -108,14 +124,14 @@ fn vertices(
             }
         })?;
         raw.positions.push([v[0], v[1], v[2]]);
-        if let Some((_, scale)) = colours {
-            raw.colours.push([v[3] * scale, v[4] * scale, v[5] * scale]);
+        if colours.is_some() {
+            raw.colours.push([v[3], v[4], v[5]]);
         }
     }
     Ok(())
 }
 
-/// Reads the faces. Returns the colour of each resulting triangle if faces have colours.
+/// Reads the faces. Returns the colour of each resulting triangle, as stored, if faces have colours.
 fn faces(
     name: &str,
     element: &ply::Element,
@@ -138,10 +154,10 @@ fn faces(
         let (mut whole, mut colour) = (true, WHITE);
         let (triangles, fanned) = (&mut raw.triangles, &mut raw.fanned);
         rows.row(element, |index, corners| {
-            if let (Some((at, scale)), [number]) = (colours, corners)
+            if let (Some(at), [number]) = (colours, corners)
                 && let Some(channel) = at.iter().position(|at| *at == index)
             {
-                colour[channel] = *number * scale;
+                colour[channel] = *number;
             }
             if index != list {
                 return;

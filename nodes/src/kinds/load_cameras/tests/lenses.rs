@@ -46,6 +46,43 @@ fn distortion_is_read_in_every_form_of_nerfstudio() {
     );
 }
 
+/// Keys of lenses in INRIA's and in lightharmony's own JSON have the meaning that they have in nerfstudio's. This test
+/// fails if `inria` or `own` does not call `bend`, or `inria` takes the middle of the picture for `cx`.
+#[test]
+fn keys_of_lenses_count_in_every_json() {
+    for whole in [OWN, INRIA] {
+        let with = |keys: &str| whole.replace("\"fy\": 51,", &format!("\"fy\": 51, {keys}"));
+        let plain = of_json(whole).unwrap_or_else(|e| panic!("{e}")).0;
+        for keys in [r#""k1": 0.2,"#, r#""p2": -0.1,"#, r#""k4": "0.3","#, r#""is_fisheye": true,"#] {
+            let text = with(keys);
+            assert_ne!(text, whole);
+            let error = of_json(&text).err().map(|e| e.to_string()).unwrap_or_default();
+            assert!(error.contains("has lens distortion (OPENCV"), "{keys}: {error}");
+            let ignore = LoadCameras { distortion: Distortion::Ignore, ..node("t.json") };
+            let (cameras, notes) =
+                load(&[("t.json", text.as_bytes())], &ignore).unwrap_or_else(|e| panic!("{keys}: {e}"));
+            assert!(cameras == plain && notes.is_degraded(), "{keys}");
+        }
+        let (cameras, notes) = of_json(&with(r#""k1": 1e-6,"#)).unwrap_or_else(|e| panic!("{e}"));
+        assert!(cameras == plain && notes.iter().any(|note| note.id == "distortion-invisible"));
+        let (_, notes) = of_json(&with(r#""k1": 0, "k2": 0.0, "camera_model": "OPENCV","#))
+            .unwrap_or_else(|e| panic!("{e}"));
+        assert_eq!(notes.iter().count(), 0);
+        let error = of_json(&with(r#""k1": [1],"#)).err().map(|e| e.to_string()).unwrap_or_default();
+        assert!(error.contains("`k1` that is not a number"), "{error}");
+    }
+    for (keys, middle) in [
+        ("\"cx\": 10, \"cy\": 11.5,", (10.0, 11.5)),
+        ("\"cx\": 10.0,", (10.0, 15.0)),
+        ("\"cy\": \"3\",", (20.0, 3.0)),
+        ("\"cx\": null,", (20.0, 15.0)),
+    ] {
+        let text = INRIA.replace("\"fy\": 51,", &format!("\"fy\": 51, {keys}"));
+        let (cameras, _) = of_json(&text).unwrap_or_else(|e| panic!("{keys}: {e}"));
+        assert_eq!((cameras[0].cx, cameras[0].cy), middle, "{keys}");
+    }
+}
+
 // `camera_angle_x` in degrees instead of radians gave a focal length without meaning.
 #[test]
 fn angles_outside_half_a_turn_are_errors() {

@@ -27,6 +27,7 @@ fn table(encoding: &str, comments: &[&str], fields: &[(&str, &str)], rows: &[Vec
             let mut word = match *scalar {
                 "uchar" => vec![*value as u8],
                 "ushort" => (*value as u16).to_le_bytes().to_vec(),
+                "short" => (*value as i16).to_le_bytes().to_vec(),
                 "double" => value.to_le_bytes().to_vec(),
                 _ => (*value as f32).to_le_bytes().to_vec(),
             };
@@ -197,6 +198,73 @@ fn colours_as_codes_replace_coefficients() {
     fields[6].0 = "uchar";
     let error = read(&table(ENCODINGS[0], &[], &fields, &rows(1))).err().unwrap();
     assert!(error.message().contains("`opacity` that holds floats, but one of the type `uchar`"), "{error}");
+}
+
+/// Display codes of 8 bits in integers of 16 bits give the splats of the same file with bytes, with a warning. This
+/// test fails if `Range::of` does not look at the values of 16-bit integers.
+#[test]
+fn codes_of_8_bits_in_16_bits_are_display_colours() {
+    let of = |encoding: &str, scalar: &'static str, shown: &[[f64; 3]]| {
+        let mut fields = floats(&FIELDS);
+        for (at, name) in ["red", "green", "blue"].into_iter().enumerate() {
+            fields[3 + at] = (scalar, name);
+        }
+        let row = |rgb: &[f64; 3]| [&good(1)[..3], rgb, &good(1)[6..]].concat();
+        let list: Vec<Vec<f64>> = shown.iter().map(row).collect();
+        let (splats, notes) = read(&table(encoding, &[], &fields, &list)).unwrap();
+        let level = notes.iter().find(|note| note.id == "display-colours").unwrap().level;
+        (splats, level == engine::Level::Warning)
+    };
+    for shown in [&[[204.0, 0.0, 255.0], [128.0, 64.0, 32.0]][..], &[[0.0, 0.0, 9.0], [0.0; 3]], &[[2.0; 3]]]
+    {
+        for encoding in ENCODINGS {
+            let (wanted, warned) = of(encoding, "uchar", shown);
+            assert!(!warned);
+            for scalar in ["ushort", "short"] {
+                let (splats, warned) = of(encoding, scalar, shown);
+                assert!(splats == wanted && warned, "{encoding} {scalar} {shown:?}");
+            }
+        }
+    }
+    for shown in [[[0.0; 3], [0.0; 3]], [[255.0, 256.0, 0.0], [0.0; 3]], [[1.0; 3], [0.0; 3]]] {
+        let (splats, warned) = of(ENCODINGS[0], "ushort", &shown);
+        assert!(!warned && splats.sh.iter().flatten().all(|c| *c < -1.75), "black: {shown:?}");
+    }
+}
+
+/// Lists of an element before the splats, or of the splats themselves, are skipped in every encoding. This test fails
+/// if `is_converted` does not look for lists.
+#[test]
+fn lists_before_the_splats_are_skipped() {
+    let fields = floats(&FIELDS);
+    for encoding in ENCODINGS {
+        let bytes = table(encoding, &[], &fields, &rows(40));
+        let (wanted, _) = read(&bytes).unwrap();
+        let at = bytes.windows(14).position(|w| w == b"element vertex").unwrap();
+        let body = bytes.windows(11).position(|w| w == b"end_header\n").unwrap() + 11;
+        let faces: Vec<u8> = match encoding {
+            "ascii" => b"3 0 1 2 7\n0 8\n".to_vec(),
+            "binary_big_endian" => vec![3, 0, 0, 0, 1, 0, 2, 7, 0, 8],
+            _ => vec![3, 0, 0, 1, 0, 2, 0, 7, 0, 8],
+        };
+        let element = b"element face 2\nproperty list uchar ushort vertex_indices\nproperty uchar flags\n";
+        let before = [&bytes[..at], element, &bytes[at..body], &faces, &bytes[body..]].concat();
+        let (splats, notes) = read(&before).unwrap_or_else(|e| panic!("{encoding}: {e}"));
+        assert!(splats == wanted && notes.iter().count() == 0, "{encoding}");
+        let error = read(&before[..before.len() - 60]).err().unwrap();
+        assert!(error.message().contains("follow") || error.message().contains("ends early"), "{error}");
+        // Lists after the splats are not read.
+        let end = &bytes[body - 11..];
+        let after = [&bytes[..body - 11], &element[..], end, &faces].concat();
+        assert!(read(&after).unwrap().0 == wanted, "{encoding}");
+    }
+    // A list among the fields of the splats.
+    let bytes = table(ENCODINGS[0], &[], &fields, &rows(1));
+    let (wanted, _) = read(&bytes).unwrap();
+    let text = b"property list uchar uchar ids\nend_header\n";
+    let at = bytes.len() - 14 * 4;
+    let listed = [&bytes[..at - 11], &text[..], &bytes[at..], &[2, 5, 6]].concat();
+    assert!(read(&listed).unwrap().0 == wanted);
 }
 
 /// A comment marks splats as trained with antialiasing, in plain and in compressed files. When the splats are
@@ -396,6 +464,12 @@ fn usda(metadata: &str, transform: &str, more: &str) -> String {
 fn usd_is_read_as_its_grammar_and_its_stage_say() {
     let metres = "upAxis = \"Z\"\n    metersPerUnit = 1";
     let load = |text: &str| from_bytes("a.usda", text.as_bytes(), Frame::AsStored, &context());
+    // The unit counts also where the axes do not. This test fails if the note does not depend on the frame.
+    for (frame, says) in [(Frame::AsStored, true), (Frame::ByFormat, false)] {
+        let (_, notes) = from_bytes("a.usda", usda(metres, "", "").as_bytes(), frame, &context()).unwrap();
+        let unit = &notes.iter().find(|note| note.id == "usd-unit").unwrap().text;
+        assert_eq!(unit.contains("by which its coordinates are multiplied"), says, "{unit}");
+    }
     let wanted = load(&usda(metres, "", "")).unwrap().0;
     for text in [
         usda("upAxis = 'Z' # up\n    metersPerUnit = 1; kind = \"x\"", "", ""),

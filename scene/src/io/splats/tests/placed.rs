@@ -78,10 +78,38 @@ fn spz_is_turned_by_its_format() {
     assert_eq!(load(Frame::YDown, Up::PlusY).0, turned);
 }
 
+/// A comment of a PLY file about its up axis does not move the splats, but is compared with the world. This test fails
+/// if the comment is not read, or if `frame` does not silence the warning.
+#[test]
+fn a_comment_about_the_up_axis_is_compared_with_the_world() {
+    let bytes = build::ply(&[PlyRow::default()], 0);
+    let at_element = bytes.windows(14).position(|window| window == b"element vertex").unwrap();
+    let of = |comment: &str, frame: Frame, up: Up| {
+        let line = format!("comment {comment}\n");
+        let file = [&bytes[..at_element], line.as_bytes(), &bytes[at_element..]].concat();
+        let (splats, notes) = from_bytes("a", &file, frame, &at(up, 1.0)).unwrap();
+        (splats, notes.iter().any(|note| note.id == "up-differs"))
+    };
+    let (wanted, _) = of("none", Frame::ByFormat, Up::PlusZ);
+    for (comment, up, warned) in [
+        ("Vertical Axis: z", Up::PlusZ, false),
+        ("Vertical Axis: z", Up::MinusY, true),
+        ("vertical axis: y", Up::PlusZ, true),
+        ("Vertical Axis: -y", Up::MinusY, false),
+        ("axis: z", Up::MinusY, false),
+    ] {
+        assert!(of(comment, Frame::ByFormat, up) == (wanted.clone(), warned), "{comment} {up:?}");
+        assert!(!of(comment, Frame::AsStored, up).1, "{comment} {up:?}");
+    }
+}
+
 // Extension SPZ_ADOBE_coordinate_system: 6 is RDF, 12 is RFU (right, forward, up).
 #[test]
 fn spz_names_its_axes() {
-    let plain = from_bytes("a", &build::spz(4, 1), Frame::ByFormat, &at(Up::PlusY, 1.0)).unwrap().0;
+    let of_axes = |notes: &Notes| notes.iter().any(|note| note.id == "spz-axes");
+    let (plain, notes) = from_bytes("a", &build::spz(4, 1), Frame::ByFormat, &at(Up::PlusY, 1.0)).unwrap();
+    let text = &notes.iter().find(|note| note.id == "spz-axes").unwrap().text;
+    assert!(text.contains("splat-transform 3") && text.contains("`frame: AsStored`"), "{text}");
     for (code, expected) in [(4_u32, [0, 1, 2]), (6, [0, 11, 12]), (12, [0, 2, 11])] {
         let bytes = build::spz(4, 1);
         let mut extended = bytes[..32].to_vec();
@@ -91,7 +119,8 @@ fn spz_names_its_axes() {
             extended.extend_from_slice(&word.to_le_bytes());
         }
         extended.extend_from_slice(&bytes[32..]);
-        let (splats, _) = from_bytes("a", &extended, Frame::ByFormat, &at(Up::PlusY, 1.0)).unwrap();
+        let (splats, notes) = from_bytes("a", &extended, Frame::ByFormat, &at(Up::PlusY, 1.0)).unwrap();
+        assert!(!of_axes(&notes), "an extension names the axes");
         for (a, b) in plain.means.iter().zip(&splats.means) {
             // 10 and more means the negative of the axis.
             let moved = expected.map(|i: usize| if i >= 10 { -a[i - 10] } else { a[i] });

@@ -12,7 +12,7 @@ use glam::{DMat3, DMat4, DVec3};
 
 use self::prim::{COEFFICIENTS, DISPLAY_COLOUR, FLATTEN, Field, PRIM, Stage};
 use self::scan::Scan;
-use super::frame::Turn;
+use super::frame::{Frame, Turn};
 use super::loaded::Loaded;
 use super::reading::Reading;
 use super::rows::{Row, RowFault, SH_C0, sh_rest};
@@ -27,6 +27,24 @@ pub(super) const BINARY: &[u8] = b"PXR-USDC";
 
 /// Metres per unit of a file that does not specify it, as defined by USD.
 const CENTIMETRE: f64 = 0.01;
+
+/// The axis that the setting `upAxis` names. Any other value is the error.
+fn up_of(setting: Option<&str>) -> Result<Up, &str> {
+    match setting {
+        None | Some("Y") => Ok(Up::PlusY),
+        Some("Z") => Ok(Up::PlusZ),
+        Some(other) => Err(other),
+    }
+}
+
+/// The up axis of a file; `None` if its settings cannot be read.
+pub(super) fn up_axis(bytes: &[u8]) -> Option<Up> {
+    let mut scan = Scan::after_first_line("", std::str::from_utf8(bytes).ok()?);
+    scan.blanks().ok()?;
+    let settings = scan.settings().ok()?;
+    up_of(settings.iter().find(|one| one.words == ["upAxis"]).map(|one| one.plain())).ok()
+}
+
 /// Loads a file.
 pub(super) fn load(
     file: &str,
@@ -39,15 +57,17 @@ pub(super) fn load(
     scan.blanks()?;
     let settings = scan.settings()?;
     let setting = |name: &str| settings.iter().find(|one| one.words == [name]).map(|one| one.plain());
-    let up = match setting("upAxis") {
-        None | Some("Y") => Up::PlusY,
-        Some("Z") => Up::PlusZ,
-        Some(other) => return Err(Error::format(file, format!("`upAxis` is `{other}`, not Y or Z")).into()),
-    };
+    let up = up_of(setting("upAxis"));
+    let up = up.map_err(|other| Error::format(file, format!("`upAxis` is `{other}`, not Y or Z")))?;
     let unit = setting("metersPerUnit").map_or(Ok(CENTIMETRE), str::parse::<f64>);
     let unit = unit.ok().filter(|unit| *unit > 0.0 && unit.is_finite());
     let unit = unit.ok_or_else(|| Error::format(file, "`metersPerUnit` is not a number above 0"))?;
-    notes.decision("usd-unit", format!("`{file}` has {unit} metres per unit"));
+    let stays = if reading.placing.frame == Frame::AsStored {
+        ", by which its coordinates are multiplied although its axes are used as stored"
+    } else {
+        ""
+    };
+    notes.decision("usd-unit", format!("`{file}` has {unit} metres per unit{stays}"));
     let Stage { fields, hidden, elsewhere } = Stage::read(&mut scan, &settings)?;
     if hidden > 0 {
         let text = format!(
