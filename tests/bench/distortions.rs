@@ -113,7 +113,8 @@ const DISTORTIONS: [Distortion; 8] = [
         region: "shadow",
         metrics: SHADOW,
         nodes: |n| {
-            let z = [0.01, 0.03, 0.08, 0.2][n - 1];
+            // Above 0.08 m, the region has no shadow at all.
+            let z = [0.004, 0.01, 0.03, 0.08][n - 1];
             traced(&format!("translation: (0.0, 0.0, {z:?}), yaw_deg: 20.0"), "")
                 + &final_of("trace{n}.object", "ratio{n}")
         },

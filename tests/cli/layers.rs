@@ -27,7 +27,7 @@ fn files() -> String {
         ("width_px: 1280, height_px: 720", "width_px: 96, height_px: 54"),
         ("size_px: 512", "size_px: 32"),
         ("width_px: 2048", "width_px: 64"),
-        ("samples: 64", "samples: 4"),
+        ("samples: 64", "samples: 16"),
         ("method: Learned", "method: Region"),
         ("sharpness: Match", "sharpness: Blur, blur_px: 0.5"),
     ];

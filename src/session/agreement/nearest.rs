@@ -58,7 +58,7 @@ mod tests {
 
     use super::*;
 
-    /// A chain of composites on one picture of splats, of which the last one also has another.
+    /// A chain of composites on one picture of splats. The last composite also has another picture.
     fn chain(length: usize) -> Graph {
         let mut nodes = String::new();
         for number in 0..length {

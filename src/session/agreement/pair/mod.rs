@@ -69,7 +69,7 @@ pub(super) fn at_one_point(graph: &Graph, a: usize, b: usize) -> bool {
     graph.nodes[a].point.iter().all(|(axis, value)| other(axis).is_none_or(|(_, known)| known == value))
 }
 
-/// What composites draw.
+/// The renders of splats and the traces that each node draws.
 pub(super) struct Composites {
     behind: Nearest,
     traces: Nearest,
