@@ -95,6 +95,11 @@ fn the_true_bracket_gives_the_true_light_but_for_the_sun() {
     assert!(judged > 290_000 && off * 100 < judged, "{off} of {judged} pixels are off");
 }
 
+/// True if every second panorama of the training set is tested and not only every sixth: if `LIGHTHARMONY_PLACES` is `all`.
+fn all_places() -> bool {
+    std::env::var("LIGHTHARMONY_PLACES").is_ok_and(|which| which == "all")
+}
+
 /// Mean errors of irradiance and of contrast, in stops, over every sixth panorama of the training set, or every second one
 /// if `LIGHTHARMONY_PLACES` is `all`, photographed at EV 0. The first pair contains the errors of the photographs themselves, the second pair the
 /// errors after `method` has recovered the light.
@@ -104,7 +109,7 @@ fn errors(method: &Method) -> [[f64; 2]; 2] {
     files.retain(|path| path.extension().is_some_and(|ending| ending == "exr"));
     files.sort();
     let mut sums = [[0.0; 2]; 2];
-    let step = if std::env::var("LIGHTHARMONY_PLACES").is_ok_and(|which| which == "all") { 2 } else { 6 };
+    let step = if all_places() { 2 } else { 6 };
     let count = files.iter().step_by(step).count() as f64;
     for file in files.iter().step_by(step) {
         let params = LoadPanorama {
@@ -138,12 +143,13 @@ fn errors(method: &Method) -> [[f64; 2]; 2] {
     sums
 }
 
-// docs/light.md states 0.54 and 1.00 stops for these 37 places, on which the shipped weights were trained. Reading
-// one number wrongly increases them by more than the margin of the bounds. This test fails if two numbers of `OVERVIEW` or of `CELL` are exchanged.
+// docs/light.md states 0.54 and 1.00 stops for 37 places, on which the shipped weights were trained; every third of them has
+// 0.33 and 0.86. Reading one number wrongly increases them by more than the margin of the bounds. This test fails if two numbers of `OVERVIEW` or of `CELL` are exchanged.
 #[test]
 fn learned_light_is_as_good_as_the_docs_say() {
     let [plain, learned] = errors(&Method::Learned);
     println!("as photographed {plain:.3?}, learned {learned:.3?} stops of irradiance and contrast");
     assert!(plain[0] > 1.2 && plain[1] > 2.5, "{plain:?}: there is light to be recovered");
-    assert!(learned[0] < 0.60 && learned[1] < 1.25, "{learned:?}");
+    let most = if all_places() { [0.60, 1.25] } else { [0.38, 1.05] };
+    assert!(learned[0] < most[0] && learned[1] < most[1], "{learned:?}");
 }
