@@ -1,10 +1,12 @@
 //! Tests with small files of every format, written byte by byte, and with damaged versions of them.
 
 mod build;
+mod foreign;
 mod hostile;
 mod inria;
 mod other_tools;
 mod placed;
+mod usd;
 
 use engine::{Context, InputFile, NodeError, Note, Notes, SourceRoot};
 
