@@ -5,7 +5,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use crate::graph::axis::{Axis, axes_read};
-use crate::graph::axis_names::with_value;
+use crate::graph::axis_names::{is_held, with_value};
 use crate::graph::checker::{Check, Field, Template};
 use crate::graph::node::{FieldPlaces, Node};
 use crate::kind::fields::Fields;
@@ -37,7 +37,7 @@ impl<'t, 'a> Check<'t, 'a> {
     }
 
     /// Returns a field with each `Param` call replaced by its value, and the indices of the axes that the field
-    /// reads.
+    /// reads, by calls or by placeholders in the paths of files to read.
     pub(super) fn field(
         &self,
         raw: &RawField<'t>,
@@ -47,8 +47,12 @@ impl<'t, 'a> Check<'t, 'a> {
         let folder_at = |offset: usize| folder_of(source.piece(offset));
         let folders: Option<&dyn Fn(usize) -> &'t str> = if is_path { Some(&folder_at) } else { None };
         let (text, span) = in_place(raw, self.scopes, folders)?;
-        let axes = axes_read(&text, &span, &self.axes)?;
-        Ok((Field { name: raw.name, text, span }, axes))
+        let mut axes = axes_read(&text, &span, &self.axes)?;
+        if is_path {
+            let held = |(index, axis): (usize, &Axis<'_>)| is_held(&text, axis.name).then_some(index);
+            axes.extend(self.axes.iter().enumerate().filter_map(held));
+        }
+        Ok((Field { name: raw.name, text, span, is_path }, axes))
     }
 
     /// Reads the parameters of a node from fields in which axis calls are already replaced by values. Returns the

@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use crate::graph::axis::{Axis, at_point};
+use crate::graph::axis_names::{file_text, is_held, with_value};
 use crate::graph::node::Node;
 use crate::kind::registry::Registry;
 use crate::text::diag::Diagnostic;
@@ -83,9 +84,11 @@ pub(crate) struct Field<'t> {
     pub text: Cow<'t, str>,
     /// Byte range of the field or, if the field is a single `Param` call, of the value of the parameter.
     pub span: Range<usize>,
+    /// True if the field names files to read, whose paths may contain placeholders such as `{frame}`.
+    pub is_path: bool,
 }
 
-/// Replaces the axis calls in the fields of a node with their values at a point. `at` maps the index of an axis to
+/// Replaces the axis calls and the placeholders in the fields of a node with the values at a point. `at` maps the index of an axis to
 /// the index of the value that this axis has at the point.
 pub(crate) fn at_each<'f>(
     fields: &'f [Field<'_>],
@@ -93,8 +96,14 @@ pub(crate) fn at_each<'f>(
     at: impl Fn(usize) -> usize,
 ) -> Vec<Field<'f>> {
     let here = |field: &'f Field<'_>| {
-        let text = at_point(&field.text, axes, &at);
-        Field { name: field.name, text, span: field.span.clone() }
+        let mut text = at_point(&field.text, axes, &at);
+        for (index, axis) in axes.iter().enumerate().filter(|_| field.is_path) {
+            if is_held(&text, axis.name) {
+                let value = |width| file_text(&axis.values[at(index)], axis.padding, width);
+                text = Cow::Owned(with_value(&text, axis.name, value));
+            }
+        }
+        Field { name: field.name, text, span: field.span.clone(), is_path: field.is_path }
     };
     fields.iter().map(here).collect()
 }

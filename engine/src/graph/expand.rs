@@ -12,13 +12,15 @@ use crate::graph::axis_names::{file_text, is_held, with_value};
 use crate::graph::checker::{Check, GATHER, Gather, Template, at_each};
 use crate::graph::node::{Node, Wire};
 use crate::graph::wires::{End, wire_names};
-use crate::text::diag::{Diagnostic, shown};
+use crate::text::diag::{Code, Diagnostic, shown};
 use crate::text::document::RawNode;
 use crate::text::include::parse_all;
 use crate::text::source::Source;
 use crate::text::values::parse_value;
 use crate::value::root::SourceRoot;
 
+/// Maximum number of values of its axes at which missing files of a node are reported one by one.
+const MOST_MISSING: usize = 8;
 /// Maximum total number of instances in a graph.
 const MOST_INSTANCES: usize = 1_000_000;
 
@@ -170,13 +172,28 @@ impl<'t> Check<'t, '_> {
         let mut nodes = Vec::with_capacity(next);
         for (template, grid) in templates.iter().zip(&grids) {
             let Some(template) = template else { continue };
+            let mut missing = 0;
             for index in 0..grid.len().unwrap_or_default() {
                 let (point, before_this) = (grid.point(index), self.mistakes());
-                let node = self.instance(template, &point).filter(|_| self.mistakes() == before_this);
-                // A mistake at one value is not repeated for the others.
-                let Some(mut node) = node else { break };
+                let node = self.instance(template, &point);
+                let found = &self.diagnostics[before_this..];
+                let is_sound = found.is_empty();
+                if !is_sound && found.iter().all(|one| one.code == Code::MissingFile) {
+                    missing += 1;
+                    if missing > MOST_MISSING {
+                        self.diagnostics.truncate(before_this);
+                    }
+                    continue;
+                }
+                // Other mistakes at one value are not repeated for the others.
+                let Some(mut node) = node.filter(|_| is_sound) else { break };
                 node.inputs = wires(template, &point, &grids, &first);
                 nodes.push(node);
+            }
+            if missing > MOST_MISSING {
+                let what =
+                    format!("files of {} other values of its axes do not exist", missing - MOST_MISSING);
+                self.report(Diagnostic::of(Code::MissingFile, template.raw.id_span.clone(), what));
             }
         }
         // Wires need all instances.

@@ -79,6 +79,38 @@ fn values_stand_anywhere_in_a_field_and_tracks_lie_between_keys() {
     assert!(lab.out("a.txt.txt").ends_with("\n6.0\n"));
 }
 
+/// A placeholder in the path of a file to read is the value of the axis, padded as in the paths of sinks. Missing files
+/// are reported one by one, and the rest is counted. This test fails if `Check::field` does not add the axes of
+/// placeholders.
+#[test]
+fn a_sequence_of_files_is_read_along_an_axis() {
+    let lab = Lab::on_disk();
+    std::fs::create_dir(lab.path("in")).unwrap();
+    (8..12).for_each(|frame| lab.write(&format!("in/{frame:04}.txt"), &format!("{frame}")));
+    lab.write("in/a_2.txt", "100");
+    let nodes = r#"read: LoadNumber(path: "in/{frame:4}.txt"), by: LoadNumber(path: "in/a_{by}.txt"),
+        sum: Add(terms: ["read", "by"]), all: Gather(input: "sum", over: "frame"),
+        save: WriteNumber(number: "all", path: "{by}.txt"),"#;
+    let log = run(&lab, "frame: Range(8, 12), by: List([2.0])", nodes);
+    assert_eq!(log.outcome.totals.ran, 4 + 1 + 4 + 1);
+    assert_eq!(lab.out("2.txt"), "108.0\n109.0\n110.0\n111.0\n");
+    // The same number of digits as in the path of a sink.
+    let short = nodes.replace("{frame:4}", "00{frame}");
+    assert_eq!(run(&lab, "frame: Range(8, 12), by: List([2])", &short).outcome.totals.ran, 0);
+    let mistakes = |axes: &str, nodes: &str| -> Vec<String> {
+        let found = lab.parse(&graph(axes, nodes)).err();
+        found.map_or_else(Vec::new, |all| all.list.iter().map(|one| one.message.clone()).collect())
+    };
+    let few = mistakes("frame: Range(8, 15), by: List([2])", nodes);
+    assert_eq!(few, ["12", "13", "14"].map(|frame| format!("`in/00{frame}.txt` does not exist")));
+    let many = mistakes("frame: Range(8, 40), by: List([2])", nodes);
+    assert_eq!(many.len(), 9, "{many:?}");
+    assert!(many.contains(&"files of 20 other values of its axes do not exist".to_owned()), "{many:?}");
+    // A name that is not that of an axis is a part of the path.
+    let other = mistakes("frame: Range(8, 9), by: List([2])", &nodes.replace("{frame:4}", "{shot}"));
+    assert_eq!(other, ["`in/{shot}.txt` does not exist"]);
+}
+
 #[test]
 fn renaming_an_axis_reruns_nothing() {
     let lab = Lab::on_disk();
