@@ -3,11 +3,11 @@
 
 use std::borrow::Cow;
 
-use engine::NodeError;
+use engine::{Context, NodeError};
 
 use crate::error::Error;
 use crate::math::color::linear_from_srgb;
-use crate::types::{Image, Images, Linear, Picture};
+use crate::types::{Image, Images, Linear, Picture, Srgb};
 
 /// Returns the picture of the view `name` in a set. It is an error if the size of the picture is not `size`
 /// (columns, rows).
@@ -56,6 +56,35 @@ pub fn decoded(encoded: f32, alpha: f32) -> f32 {
 /// The linear light of a colour picture of 3 or 4 channels, still premultiplied; luminance is expanded to grey.
 /// Display-encoded values are un-premultiplied, decoded and premultiplied again.
 pub fn linear<'a>(picture: &'a Picture, port: &'static str) -> Result<Cow<'a, Image<Linear>>, NodeError> {
+    decode(picture, port, |encoded| {
+        let mut samples = encoded.samples.clone();
+        decode_pixels(&mut samples, encoded.channels);
+        Ok(samples)
+    })
+}
+
+/// Same as [`linear`], on the threads of `cx`.
+pub fn linear_on<'a>(
+    picture: &'a Picture,
+    port: &'static str,
+    cx: &Context,
+) -> Result<Cow<'a, Image<Linear>>, NodeError> {
+    decode(picture, port, |encoded| {
+        let length = encoded.width * encoded.channels;
+        let rows = cx.for_each_tile(encoded.height, |y| {
+            let mut row = encoded.samples[y * length..(y + 1) * length].to_vec();
+            decode_pixels(&mut row, encoded.channels);
+            row
+        })?;
+        Ok(rows.concat())
+    })
+}
+
+fn decode<'a>(
+    picture: &'a Picture,
+    port: &'static str,
+    samples: impl FnOnce(&Image<Srgb>) -> Result<Vec<f32>, NodeError>,
+) -> Result<Cow<'a, Image<Linear>>, NodeError> {
     if let Cow::Owned(Picture::Linear(grey)) = coloured(picture) {
         return Ok(Cow::Owned(grey));
     }
@@ -74,12 +103,14 @@ pub fn linear<'a>(picture: &'a Picture, port: &'static str) -> Result<Cow<'a, Im
             return Err(NodeError::new("a picture with the encoding `data` has no colours").at(port));
         }
     };
-    let mut samples = encoded.samples.clone();
+    Ok(Cow::Owned(Image::from_samples(encoded.width, encoded.height, channels, samples(encoded)?)))
+}
+
+fn decode_pixels(samples: &mut [f32], channels: usize) {
     for pixel in samples.chunks_exact_mut(channels) {
         let alpha = if channels == 4 { pixel[3] } else { 1.0 };
         for c in &mut pixel[..3] {
             *c = decoded(*c, alpha);
         }
     }
-    Ok(Cow::Owned(Image::from_samples(encoded.width, encoded.height, channels, samples)))
 }

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use engine::{Context, Cost, Kind, NodeError, Notes, ViewCount};
 use scene::math::color::luminance;
 use scene::math::num;
-use scene::types::layers::{linear, matching};
+use scene::types::layers::{linear, linear_on, matching};
 use scene::types::{Data, Image, Images, Linear, NamedImage, Picture};
 
 mod grain;
@@ -233,7 +233,7 @@ impl Kind for Composite {
         let keeps = params.keeps_layers() && inputs.object.0.iter().all(is_linear);
         for (index, view) in inputs.background.0.iter().enumerate() {
             cx.check()?;
-            let background = linear(&view.picture, "background")?;
+            let background = linear_on(&view.picture, "background", cx)?;
             let size = (background.width, background.height);
             let mut object = linear(matching(&inputs.object, "object", &view.name, size)?, "object")?;
             let data = |images: &Option<Arc<Images>>, port| match images {
@@ -241,7 +241,7 @@ impl Kind for Composite {
                 None => Ok(None),
             };
             let front = match &inputs.front {
-                Some(images) => Some(linear(matching(images, "front", &view.name, size)?, "front")?),
+                Some(images) => Some(linear_on(matching(images, "front", &view.name, size)?, "front", cx)?),
                 None => None,
             };
             if front.as_ref().is_some_and(|image| image.channels != 4) {

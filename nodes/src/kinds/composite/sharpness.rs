@@ -36,18 +36,18 @@ pub(super) fn of_background(
     let (width, height) = (x1 - x0, y1 - y0);
     let shown = |x: usize, y: usize| srgb_from_linear(luminance(background.rgb(x, y)).max(0.0));
     let covered = |x: usize, y: usize| object.channels == 4 && object.pixel(x, y)[3] > 0.0;
-    let rows = cx.for_each_tile(height.saturating_sub(2 * REACH), |row| {
-        let y = y0 + row + REACH;
+    let shown = cx.for_each_tile(height, |y| (x0..x1).map(|x| shown(x, y0 + y)).collect::<Vec<f32>>())?;
+    let rows = cx.for_each_tile(height.saturating_sub(2 * REACH), |above| {
+        let y = above + REACH;
         let mut widths = Vec::new();
-        for x in x0 + REACH..(x0 + width).saturating_sub(REACH) {
-            if covered(x, y) {
+        for x in REACH..width.saturating_sub(REACH) {
+            if covered(x0 + x, y0 + y) {
                 continue;
             }
-            for (dx, dy) in [(1, 0), (0, 1)] {
-                let at = |k: usize| shown(x + dx * k - dx * REACH, y + dy * k - dy * REACH);
-                let line: [f32; 2 * REACH + 1] = std::array::from_fn(at);
-                widths.extend(edge_width(&line));
-            }
+            let line: [f32; 2 * REACH + 1] = std::array::from_fn(|k| shown[y][x + k - REACH]);
+            widths.extend(edge_width(&line));
+            let line: [f32; 2 * REACH + 1] = std::array::from_fn(|k| shown[above + k][x]);
+            widths.extend(edge_width(&line));
         }
         widths
     })?;
@@ -65,9 +65,13 @@ fn edge_width(line: &[f32; 2 * REACH + 1]) -> Option<f64> {
     let slope = |k: usize| 0.5 * (line[k + 1] - line[k - 1]);
     let middle = slope(REACH);
     let contrast = (line[2 * REACH] - line[0]) * middle.signum();
+    // Most lines end here.
+    if contrast < CONTRAST {
+        return None;
+    }
     let steepest = (1..2 * REACH).all(|k| slope(k) * middle.signum() <= middle.abs());
     let steady = line.windows(2).all(|pair| (pair[1] - pair[0]) * middle.signum() > -0.1 * contrast);
-    if contrast < CONTRAST || !steepest || !steady {
+    if !steepest || !steady {
         return None;
     }
     // The slope over two pixels is the slope of the edge blurred by a box of two pixels, whose variance is 1/3.
@@ -108,25 +112,31 @@ pub(super) fn blurred(image: &Image<Linear>, sigma: f64, cx: &Context) -> Result
     let reach = (3.0 * sigma).ceil() as isize;
     let weight = |k: isize| num::f64::exp(-0.5 * (k * k) as f64 / (sigma * sigma));
     let total: f64 = (-reach..=reach).map(weight).sum();
-    let kernel: Vec<(isize, f64)> = (-reach..=reach).map(|k| (k, weight(k) / total)).collect();
-    let along = |from: &Image<Linear>, [dx, dy]: [isize; 2]| {
-        let (width, height, channels) = (from.width, from.height, from.channels);
-        let inside = |at: usize, step: isize, n: usize| at.saturating_add_signed(step).min(n - 1);
-        let rows = cx.for_each_tile(height, |y| {
-            let mut row = Vec::with_capacity(width * channels);
-            for x in 0..width {
-                for c in 0..channels {
-                    let term = |(k, weight): &(isize, f64)| {
-                        weight * f64::from(from.pixel(inside(x, dx * k, width), inside(y, dy * k, height))[c])
-                    };
-                    row.push(kernel.iter().map(term).sum::<f64>() as f32);
-                }
-            }
-            row
-        })?;
-        Ok::<_, NodeError>(Image::from_samples(width, height, channels, rows.concat()))
-    };
-    along(&along(image, [1, 0])?, [0, 1])
+    let kernel: Vec<f64> = (-reach..=reach).map(|k| weight(k) / total).collect();
+    let (reach, (width, height, channels)) = (reach as usize, (image.width, image.height, image.channels));
+    // The sums of a row are added up tap by tap, so that the inner loop runs along the row.
+    let rows = cx.for_each_tile(height, |y| {
+        let row = &image.samples[y * width * channels..][..width * channels];
+        let (first, last) = (&row[..channels], &row[(width - 1) * channels..]);
+        let padded = [first.repeat(reach).as_slice(), row, last.repeat(reach).as_slice()].concat();
+        sums(row.len(), kernel.iter().enumerate().map(|(k, weight)| (*weight, &padded[k * channels..])))
+    })?;
+    let blurred = cx.for_each_tile(height, |y| {
+        let taps = kernel.iter().enumerate();
+        let row = |k: usize| rows[(y + k).saturating_sub(reach).min(height - 1)].as_slice();
+        sums(width * channels, taps.map(|(k, weight)| (*weight, row(k))))
+    })?;
+    Ok(Image::from_samples(width, height, channels, blurred.concat()))
+}
+
+/// Weighted sums of the first `length` elements of several rows.
+fn sums<'a>(length: usize, taps: impl Iterator<Item = (f64, &'a [f32])>) -> Vec<f32> {
+    // The sum of no terms, so that the sum of negative zeros is one.
+    let mut sums = vec![-0.0; length];
+    for (weight, row) in taps {
+        sums.iter_mut().zip(row).for_each(|(sum, v)| *sum += weight * f64::from(*v));
+    }
+    sums.into_iter().map(|sum| sum as f32).collect()
 }
 
 #[cfg(test)]
