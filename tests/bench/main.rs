@@ -33,9 +33,6 @@ fn a_set_has_scores_by_region_with_intervals_and_a_page() {
     assert!(psnr("object", "lightharmony") > psnr("object", "LDR light") + 6.0);
     // Soft edges of the object belong to the shadow here, since the truth has a binary mask.
     assert!((psnr("shadow", "no shadow") - psnr("shadow", "nothing inserted")).abs() < 1.0);
-    let [perfect, ours] = ["perfect ratio", "lightharmony"].map(|picture| psnr("shadow", picture));
-    // Both are limited by the soft edges. The noise of the two differs by up to 0.1 dB.
-    assert!(perfect > ours - 0.2, "{perfect} {ours}");
     let log = |picture| sets.mean("shadow", picture, "log-ratio error");
     assert!(
         log("lightharmony") < 0.4 * log("nothing inserted"),
@@ -43,6 +40,8 @@ fn a_set_has_scores_by_region_with_intervals_and_a_page() {
         log("lightharmony"),
         log("nothing inserted")
     );
+    // In dB, the perfect ratio is limited by these edges as the method is; its error of the ratio is that of 8 bits.
+    assert!(log("perfect ratio") < log("lightharmony"), "{} {}", log("perfect ratio"), log("lightharmony"));
     // Two scenes: the interval reaches from one to the other. Cases of one scene are one value.
     let scores = sets.output("scores.csv");
     let case = |name: &str| {

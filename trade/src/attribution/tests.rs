@@ -332,13 +332,12 @@ fn nothing_below_half(bench: &mut Bench<'_>, metric: &Metric, steps: &[Steps], t
         Some((bench.points[at].work, metric.error(&bench.points[at].off).unwrap()))
     });
     let found = found.unwrap();
-    // The largest saving is 10.3 % here, by several knobs at once. Both bounds together leave no setting below half, since
-    // 0.85 * 1.25 > 1.
-    assert!(found.saved.pairs > 100 && found.saved.most < 0.15, "{:?}", found.saved);
+    // The largest saving is 3.0 % here, by several knobs at once; the margin is twice that.
+    assert!(found.saved.pairs > 100 && found.saved.most < 0.05, "{:?}", found.saved);
     assert!(
         found.complete
             && found.all.is_empty()
-            && found.least.cost > 1.25 * half
+            && found.least.cost > 1.05 * half
             && bench.points.len() <= before + 1
     );
     assert!(bench.points.iter().all(|point| point.work > half), "nor did anything that was measured");

@@ -164,7 +164,7 @@ impl PathTrace {
 
 impl Kind for PathTrace {
     const NAME: &'static str = "path-trace";
-    const VERSION: u32 = 30;
+    const VERSION: u32 = 31;
     const READS: &'static [ContextField] =
         &[ContextField::Exhaustive, ContextField::MetresPerUnit, ContextField::Seed, ContextField::Up];
     const PREVIEW: engine::Preview =

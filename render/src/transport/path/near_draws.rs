@@ -9,7 +9,7 @@ use crate::transport::sky::environment::LightSample;
 use crate::transport::sky::light_draws::PlacedDraw;
 
 /// Maximum number of light samples per vertex.
-pub(crate) const MOST: usize = 4;
+pub(crate) const MOST: usize = 3;
 
 /// Light samples of near light at a vertex.
 pub(crate) type NearSamples = [Option<ArrivingLight>; MOST];

@@ -211,7 +211,7 @@ impl<'a> Tracing<'a> {
     ) -> Result<(), NodeError> {
         let (cx, camera) = (self.cx, camera_rays.camera);
         let inputs = self.inputs(&["receiver", "env"], &["receiver", "env", "points"]);
-        let part = Part { name: "r0", version: 14, inputs };
+        let part = Part { name: "r0", version: 15, inputs };
         let stored = areas.iter().map(|&area| {
             let missing = Cell::new(false);
             let found = cx.part(part, &self.of_receiver(camera, area, range), || {
@@ -245,7 +245,7 @@ impl<'a> Tracing<'a> {
             expect_size(&r0, area, R0)?;
             let plain = &["receiver", "objects", "env"];
             let inputs = self.inputs(plain, &["receiver", "objects", "env", "points"]);
-            let part = Part { name: "pair", version: 24, inputs };
+            let part = Part { name: "pair", version: 25, inputs };
             let pair =
                 cx.part(part, &self.of_objects(camera, area, range, self.limit()), || match traced.take() {
                     Some(pair) => {

@@ -70,7 +70,7 @@ pub struct EnvironmentLight {
     pub(crate) level: Level,
     /// Number of light samples per tier at vertices that take several, each a power of 2.
     pub lights: [u32; TIERS],
-    /// Number of light samples per tier at vertices that take several under near light, in total at most 4.
+    /// Number of light samples per tier at vertices that take several under near light, in total 3.
     pub near_lights: [u32; TIERS],
     /// Number of channel values that were negative or not finite and were replaced with 0.
     pub broken: u64,
@@ -137,11 +137,12 @@ impl EnvironmentLight {
             ..0.7 => [1, 4],
             _ => [2, 2],
         };
+        // Three in every case, so that the cost does not depend on the sky.
         let near_lights = match share {
-            0.0 => [0, 4],
-            1.0.. => [4, 0],
+            0.0 => [0, 3],
+            1.0.. => [3, 0],
             ..0.7 => [1, 2],
-            _ => [2, 2],
+            _ => [2, 1],
         };
         Self { texel_grid, texels, tiers, level: Level::new(), lights, near_lights, broken, power }
     }
