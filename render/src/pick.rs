@@ -123,8 +123,7 @@ pub fn on_splats(
     let point = |x: usize, y: usize| {
         let depth = f64::from(seen.depth[y * side + x]);
         let at = DVec2::new(x as f64 + 0.5, y as f64 + 0.5);
-        let ray = DVec3::new((at.x - window.cx) / window.fx, (at.y - window.cy) / window.fy, 1.0);
-        depth.is_finite().then(|| world.transform_point3(ray * depth))
+        depth.is_finite().then(|| world.transform_point3(window.ray(at.x, at.y) * depth))
     };
     let square = WINDOW - SQUARE..=WINDOW + SQUARE;
     let depths = square.clone().flat_map(|y| square.clone().map(move |x| y * side + x));
@@ -132,7 +131,7 @@ pub fn on_splats(
     let Some(depth) = depth else {
         return Err(nothing(camera, pixel, "no surface").hint("choose a pixel that shows the ground"));
     };
-    let ray = DVec3::new((pixel[0] - camera.cx) / camera.fx, (pixel[1] - camera.cy) / camera.fy, 1.0);
+    let ray = camera.ray(pixel[0], pixel[1]);
     let position = world.transform_point3(ray * depth);
     // The mean of the normals given by steps of two pixels of the view to the right and down.
     let step = 2 * ZOOM;

@@ -96,10 +96,10 @@ fn seen(splats: &Splats, rig: &Rig) -> f64 {
         let from_world = camera.camera_from_world();
         for position in splats.means.iter().step_by(step) {
             let p = from_world.transform_point3(DVec3::from_array(position.map(f64::from)));
-            let (x, y) = (camera.cx + camera.fx * p.x / p.z, camera.cy + camera.fy * p.y / p.z);
-            let shown =
-                (0.0..camera.width_px.into()).contains(&x) && (0.0..camera.height_px.into()).contains(&y);
-            inside += u64::from(p.z > 0.0 && shown);
+            let shown = camera.pixel(p).is_some_and(|[x, y]| {
+                (0.0..camera.width_px.into()).contains(&x) && (0.0..camera.height_px.into()).contains(&y)
+            });
+            inside += u64::from(shown);
             all += 1;
         }
     }

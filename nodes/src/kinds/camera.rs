@@ -96,6 +96,7 @@ impl Kind for Camera {
             fy: focal,
             cx: f64::from(p.width_px) / 2.0,
             cy: f64::from(p.height_px) / 2.0,
+            lens: types::Lens::PINHOLE,
             world_from_camera: DMat4::from_cols(
                 x.extend(0.0),
                 y.extend(0.0),

@@ -70,6 +70,7 @@ impl Case {
             fy: number("fy"),
             cx: number("cx"),
             cy: number("cy"),
+            lens: Default::default(),
             world_from_camera: matrix(&camera["c2w"]).to_cols_array(),
         };
         let world_from_object = matrix(&scene["object_transform"]);

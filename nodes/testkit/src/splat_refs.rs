@@ -46,6 +46,7 @@ impl Reference {
                 fy: number(&camera["fy"]),
                 cx: number(&camera["cx"]),
                 cy: number(&camera["cy"]),
+                lens: Default::default(),
                 world_from_camera: pose.to_cols_array(),
             },
             blended: view["stats"]["blended"].as_u64().unwrap(),

@@ -79,7 +79,17 @@ fn camera() -> Camera {
     let f = 20.0;
     let name = "down".to_owned();
     let world_from_camera = down.to_cols_array();
-    Camera { name, width_px: WIDTH, height_px: HEIGHT, fx: f, fy: f, cx, cy, world_from_camera }
+    Camera {
+        name,
+        width_px: WIDTH,
+        height_px: HEIGHT,
+        fx: f,
+        fy: f,
+        cx,
+        cy,
+        lens: Default::default(),
+        world_from_camera,
+    }
 }
 
 /// A coloured sky with a bright patch. Its texels are so large that no lobe is narrower than a texel.

@@ -40,7 +40,7 @@ pub(super) struct Sight {
     pub near: f64,
 }
 
-/// Returns a camera with the same view, whose picture is at most [`WANTED_PX`] pixels wide and high.
+/// Returns a pinhole camera with about the same view, whose picture is at most [`WANTED_PX`] pixels wide and high.
 fn smaller(camera: &Camera) -> Camera {
     let (width, height) = (f64::from(camera.width_px), f64::from(camera.height_px));
     let factor = (WANTED_PX / width.max(height)).min(1.0);
@@ -53,7 +53,7 @@ fn smaller(camera: &Camera) -> Camera {
         fy: camera.fy * y,
         cx: camera.cx * x,
         cy: camera.cy * y,
-        ..camera.clone()
+        ..camera.without_distortion()
     }
 }
 

@@ -14,7 +14,7 @@ use super::settings::TILE;
 /// Distance beyond the edges of the image, as a fraction of half the size of the image, up to which the derivative
 /// of the projection is evaluated at the centre of the splat. For splats farther out it is evaluated at this
 /// distance, because the linear approximation diverges (INRIA forward.cu: 1.3 times the tangent).
-const GUARD: f64 = 0.3;
+pub(super) const GUARD: f64 = 0.3;
 
 /// Margin, in pixels, that is added to bounds, so that no pixel whose alpha reaches `alpha_cut` is lost to
 /// rounding.

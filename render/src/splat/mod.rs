@@ -11,6 +11,7 @@ mod blend32;
 mod blend64;
 mod block;
 mod camera_model;
+mod distorted;
 mod draw;
 pub mod gradient;
 mod listed;
@@ -35,6 +36,7 @@ use scene::types::{Camera, Splats};
 pub use bin::most_bytes;
 pub use block::Blocks;
 use camera_model::Pinhole;
+use distorted::Distorted;
 use draw::draw;
 pub use draw::{Clock, Limit, Rendered};
 pub use panorama::{PanoramaCamera, panorama, panorama_at};
@@ -79,8 +81,7 @@ pub fn render_with(
     settings: &Settings,
     cx: &Context,
 ) -> Result<Rendered, NodeError> {
-    check(camera, limit)?;
-    draw(splats, blocks, &Pinhole::new(camera), limit, settings, cx, (Level::new(), &|| 0.0))
+    drawn((splats, blocks), camera, limit, settings, cx, (Level::new(), &|| 0.0))
 }
 
 /// Same as [`render`] with a given instruction set, which never changes the result, and a clock that measures the
@@ -94,8 +95,23 @@ pub fn render_at(
     cx: &Context,
     how: (Level, Clock<'_>),
 ) -> Result<Rendered, NodeError> {
+    drawn((splats, None), camera, limit, settings, cx, how)
+}
+
+fn drawn(
+    (splats, blocks): (&Splats, Option<&Blocks>),
+    camera: &Camera,
+    limit: Option<Limit<'_>>,
+    settings: &Settings,
+    cx: &Context,
+    how: (Level, Clock<'_>),
+) -> Result<Rendered, NodeError> {
     check(camera, limit)?;
-    draw(splats, None, &Pinhole::new(camera), limit, settings, cx, how)
+    if camera.lens.is_pinhole() {
+        draw(splats, blocks, &Pinhole::new(camera), limit, settings, cx, how)
+    } else {
+        draw(splats, blocks, &Distorted::new(camera), limit, settings, cx, how)
+    }
 }
 
 /// Checks the size of the picture, and that the depth image of the limit has the same size.

@@ -39,8 +39,8 @@ pub fn cut_by_camera(splats: &Splats, camera: &Camera, near: f64) -> f64 {
     let (width, height) = (f64::from(camera.width_px), f64::from(camera.height_px));
     share(splats, near, |mean| {
         let p = view.transform_point3(mean);
-        let (u, v) = (camera.fx * p.x / p.z + camera.cx, camera.fy * p.y / p.z + camera.cy);
-        (p.z > 0.0 && (0.0..width).contains(&u) && (0.0..height).contains(&v)).then_some(p.z)
+        let [u, v] = camera.pixel(p)?;
+        ((0.0..width).contains(&u) && (0.0..height).contains(&v)).then_some(p.z)
     })
 }
 

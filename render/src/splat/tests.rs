@@ -7,6 +7,7 @@ use scene::types::{Data, Image};
 use testing::{context, levels};
 
 mod blocks;
+mod distorted;
 mod extremes;
 mod groups;
 mod modes;
@@ -84,6 +85,7 @@ fn camera(width_px: u32, height_px: u32, fov_x_deg: f64) -> Camera {
         fy: f,
         cx: 0.5 * f64::from(width_px),
         cy: 0.5 * f64::from(height_px),
+        lens: Default::default(),
         world_from_camera: DMat4::IDENTITY.to_cols_array(),
     }
 }

@@ -4,6 +4,7 @@ mod environment;
 pub mod frame;
 mod image;
 pub mod layers;
+mod lens;
 mod material;
 mod mesh;
 mod object;
@@ -18,6 +19,7 @@ pub mod view;
 
 pub use environment::{Environment, Light};
 pub use image::{Data, Encoding, Image, Images, Linear, NamedImage, Picture, Srgb};
+pub use lens::{Lens, LensModel};
 pub use material::{
     AlphaMode, Anisotropy, Clearcoat, ColourMap, DiffuseTransmission, Iridescence, Map, Material, NormalMap,
     Sampler, Sheen, Specular, Texture, TextureRef, TextureTransform, Wrap,

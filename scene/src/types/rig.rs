@@ -1,11 +1,13 @@
 //! Cameras, and rigs of cameras.
 
 use engine::{Artifact, Corrupt, Decoder, Difference, Encoder};
-use glam::{DMat4, DVec3};
+use glam::{DMat4, DVec2, DVec3};
 use serde::Serialize;
 
-/// A pinhole camera in the OpenCV convention: x right, y down, z forward; pixel (0, 0) is at the top left, and its
-/// centre is at (0.5, 0.5).
+use super::lens::Lens;
+
+/// A camera in the OpenCV convention: x right, y down, z forward; pixel (0, 0) is at the top left, and its centre is
+/// at (0.5, 0.5).
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Camera {
     /// Name of the view.
@@ -22,6 +24,8 @@ pub struct Camera {
     pub cx: f64,
     /// Principal point, in pixels from the top edge.
     pub cy: f64,
+    /// Distortion of the lens.
+    pub lens: Lens,
     /// Rigid transform from camera to world, column-major as glam stores it.
     pub world_from_camera: [f64; 16],
 }
@@ -46,6 +50,7 @@ impl Camera {
             fy: focal_px,
             cx: 0.5 * f64::from(width_px),
             cy: 0.5 * f64::from(height_px),
+            lens: Lens::PINHOLE,
             world_from_camera: world_from_camera.to_cols_array(),
         }
     }
@@ -89,10 +94,33 @@ impl Camera {
         self.world_from_camera().w_axis.truncate()
     }
 
+    /// The same camera without the distortion of its lens, for a view that need not agree with the picture to the
+    /// pixel.
+    pub fn without_distortion(&self) -> Self {
+        Self { lens: Lens::PINHOLE, ..self.clone() }
+    }
+
+    /// The vector, in the frame of the camera, from its centre through the point (x, y) of the image, in pixels. Its z
+    /// is 1.
+    pub fn ray(&self, x: f64, y: f64) -> DVec3 {
+        let at = DVec2::new((x - self.cx) / self.fx, (y - self.cy) / self.fy);
+        self.lens.undistort(at).extend(1.0)
+    }
+
+    /// The point of the image, in pixels, that shows a point in the frame of the camera. `None` if the point is not in
+    /// front of the camera, or is beyond the limit of the lens.
+    pub fn pixel(&self, local: DVec3) -> Option<[f64; 2]> {
+        let slope = local.truncate() / local.z;
+        if local.z <= 0.0 || slope.length() > self.lens.limit() {
+            return None;
+        }
+        let DVec2 { x, y } = self.lens.distort(slope);
+        Some([self.fx * x + self.cx, self.fy * y + self.cy])
+    }
+
     /// The unit vector, in world coordinates, from the camera through the point (x, y) of the image, in pixels.
     pub fn direction(&self, x: f64, y: f64) -> DVec3 {
-        let local = DVec3::new((x - self.cx) / self.fx, (y - self.cy) / self.fy, 1.0);
-        self.world_from_camera().transform_vector3(local).normalize()
+        self.world_from_camera().transform_vector3(self.ray(x, y)).normalize()
     }
 }
 
@@ -101,6 +129,13 @@ impl Camera {
 pub struct Rig {
     /// The cameras, in order.
     pub cameras: Vec<Camera>,
+}
+
+impl Rig {
+    /// The first camera whose lens has distortion.
+    pub fn distorted(&self) -> Option<&Camera> {
+        self.cameras.iter().find(|camera| !camera.lens.is_pinhole())
+    }
 }
 
 impl Artifact for Rig {
@@ -113,7 +148,8 @@ impl Artifact for Rig {
             to.str(&camera.name);
             to.u32(camera.width_px);
             to.u32(camera.height_px);
-            to.f64s(&[camera.fx, camera.fy, camera.cx, camera.cy]);
+            // The numbers of the lens follow, if it has distortion.
+            to.f64s(&[&[camera.fx, camera.fy, camera.cx, camera.cy], &*camera.lens.numbers()].concat());
             to.f64s(&camera.world_from_camera);
         }
     }
@@ -123,15 +159,19 @@ impl Artifact for Rig {
         let mut cameras = Vec::with_capacity(count);
         for _ in 0..count {
             let (name, width_px, height_px) = (from.str()?, from.u32()?, from.u32()?);
-            let [fx, fy, cx, cy] = exactly(from.f64s()?)?;
+            let numbers = from.f64s()?;
+            let [fx, fy, cx, cy, lens @ ..] = numbers.as_slice() else {
+                return Err(Corrupt(format!("a camera has {} numbers instead of 4 or more", numbers.len())));
+            };
+            let (fx, fy, cx, cy, lens) = (*fx, *fy, *cx, *cy, Lens::of_numbers(lens)?);
             let world_from_camera = exactly(from.f64s()?)?;
-            cameras.push(Camera { name, width_px, height_px, fx, fy, cx, cy, world_from_camera });
+            cameras.push(Camera { name, width_px, height_px, fx, fy, cx, cy, lens, world_from_camera });
         }
         Ok(Self { cameras })
     }
 
     fn bytes(&self) -> usize {
-        self.cameras.len() * 256
+        self.cameras.len() * 352
     }
 
     fn size(&self) -> u64 {

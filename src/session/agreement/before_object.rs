@@ -212,7 +212,7 @@ fn common(a: &Rig, b: &Rig) -> Vec<[usize; 2]> {
         return (0..a.cameras.len()).map(|index| [index; 2]).collect();
     }
     let seen = |camera: &Camera| {
-        let Camera { width_px, height_px, fx, fy, cx, cy, world_from_camera, .. } = camera;
+        let Camera { width_px, height_px, fx, fy, cx, cy, lens: _, world_from_camera, name: _ } = camera;
         let lens = [*fx, *fy, *cx, *cy].map(f64::to_bits);
         (*width_px, *height_px, lens, world_from_camera.map(f64::to_bits))
     };

@@ -5,10 +5,10 @@ use scene::io::gltf::animation::AfterEnd;
 use scene::types::pick::Pick;
 
 engine::choices! {
-    /// Treatment of lens distortion, which a pinhole camera cannot represent.
+    /// Treatment of lens distortion.
     pub enum Distortion {
-        /// A camera with distortion is an error.
-        Refuse,
+        /// Rays and splats follow the lens, so that renders fit the photographs as they are.
+        Apply,
         /// Distortion is ignored, and the result is marked as degraded.
         Ignore,
     }
@@ -30,9 +30,9 @@ engine::params! {
     ///   the world in the same way as objects. Their pictures are 1080 * `resolution` pixels high. With `clip`, an
     ///   animation of the file places them.
     ///
-    /// Pixel centres are at +0.5 in all formats. Distortion (`k1`, `p1`, ..) is read in all JSON formats and COLMAP.
-    /// Lens distortion that moves no point of the picture by more than a
-    /// twentieth of a pixel is ignored. A view is named after its picture, without folder and extension. If several
+    /// Pixel centres are at +0.5 in all formats. Distortion (`k1`, `p1`, ..) is read in all JSON formats and COLMAP: radial
+    /// and tangential (OpenCV), fisheye, field of view and division models. Distortion that moves no point of the picture
+    /// by more than a twentieth of a pixel is ignored. A view is named after its picture, without folder and extension. If several
     /// pictures have the same name, their names include as many folders as are needed to distinguish them, for
     /// example `day1_IMG_0001`.
     pub struct LoadCameras {
@@ -48,7 +48,7 @@ engine::params! {
         /// Factor by which the width and height of the pictures are multiplied.
         resolution: f64 = 1.0, range(0.001, 64), other("0.5");
         /// Treatment of lens distortion.
-        distortion: Distortion = Distortion::Refuse, other("Ignore"), inert("most files have no distortion");
+        distortion: Distortion = Distortion::Apply, other("Ignore"), inert("most files have no distortion");
         /// The file `dataparser_transforms.json` of a training run in nerfstudio, for splats exported from this
         /// run. It converts the cameras from the coordinates of the capture to the coordinates of the splats.
         /// COLMAP models and `transforms.json` need it; `camera_path.json` is already in the coordinates of the

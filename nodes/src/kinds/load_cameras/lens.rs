@@ -116,7 +116,16 @@ pub fn bend(top: &Value, frame: &Value, size: [u64; 2], lens: [f64; 4]) -> Resul
     let fish = fisheye || upper.contains("FISHEYE");
     let pixels = if fish { f64::INFINITY } else { found.pixels(size, lens) };
     let name = if fisheye { format!("{model}, `is_fisheye`") } else { model.to_owned() };
-    Ok(bent.then(|| Bend { text: [vec![name], bends].concat().join(" "), pixels }))
+    let applied = match upper.as_str() {
+        "OPENCV" | "OPENCV_FISHEYE" | "FISHEYE" | "SIMPLE_RADIAL_FISHEYE" | "RADIAL_FISHEYE" if fish => {
+            found.fisheye()
+        }
+        _ if fish => None,
+        // nerfstudio does not have the model, so its keys have the meaning that OpenCV gives them.
+        "FULL_OPENCV" => Some(found.rational()),
+        _ => found.polynomial(),
+    };
+    Ok(bent.then(|| Bend { text: [vec![name], bends].concat().join(" "), model: applied, pixels }))
 }
 
 /// True if a flag is set: programs write it as `true`, a number or a text.

@@ -20,14 +20,14 @@ use engine::{
 use glam::{DMat3, DMat4};
 use scene::error::Error;
 use scene::io::capture::colmap;
-use scene::io::capture::distortion::{Bend, INVISIBLE_PX};
+use scene::io::capture::distortion::INVISIBLE_PX;
 use scene::io::capture::raw::Raw;
 use scene::io::foreign::refuse_placeholder;
 use scene::io::gltf::animation::{AfterEnd, check_clip};
 use scene::io::gltf::{Want, json_of, parse};
 use scene::types::frame::Similarity;
 use scene::types::pick::{chosen, count_of, stem};
-use scene::types::{Camera, Rig};
+use scene::types::{Camera, Lens, Rig};
 
 use count::CAMERA_LIMIT;
 use dataparser::Dataparser;
@@ -57,7 +57,7 @@ impl LoadCameras {
             pick: Vec::new(),
             list: "views".to_owned(),
             resolution: 1.0,
-            distortion: Distortion::Refuse,
+            distortion: Distortion::Apply,
             dataparser: None,
             matrix: None,
             clip: None,
@@ -69,7 +69,7 @@ impl LoadCameras {
 
 impl Kind for LoadCameras {
     const NAME: &'static str = "load-cameras";
-    const VERSION: u32 = 7;
+    const VERSION: u32 = 8;
     const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
     const STORE: Keep = Keep::Cheap;
     const FOLDERS: bool = true;
@@ -307,25 +307,12 @@ fn view_name(picture: &str, folders: usize) -> String {
     if name.is_empty() || name == ".." { "camera".to_owned() } else { name }
 }
 
+/// Number of intervals on each side of a picture at whose ends a lens must show a direction.
+const BORDER: u32 = 64;
+
 /// Checks a camera, and scales it to the requested resolution.
 fn finish(p: &LoadCameras, raw: &Raw, name: String, notes: &mut Notes) -> Result<Camera, NodeError> {
     let bad = |what: String| NodeError::from(Error::format(&p.path.0, format!("camera `{name}` {what}")));
-    let seen = raw.distortion.as_ref().filter(|bend| bend.pixels.is_nan() || bend.pixels > INVISIBLE_PX);
-    if let Some(Bend { text: distortion, .. }) = seen {
-        match p.distortion {
-            Distortion::Refuse => {
-                return Err(bad(format!("has lens distortion ({distortion})")).at("path").hint(
-                    "undistort the pictures first (`colmap image_undistorter`), or set `distortion: Ignore`",
-                ));
-            }
-            Distortion::Ignore => {
-                notes.degraded(
-                    "distortion-ignored",
-                    format!("lens distortion of `{name}` ({distortion}) is ignored"),
-                );
-            }
-        }
-    }
     let [fx, fy, cx, cy] = raw.lens;
     if !raw.lens.iter().all(|v| v.is_finite()) || fx <= 0.0 || fy <= 0.0 {
         return Err(bad(format!(
@@ -360,7 +347,7 @@ fn finish(p: &LoadCameras, raw: &Raw, name: String, notes: &mut Notes) -> Result
         turn.z_axis.extend(0.0),
         eye.extend(1.0),
     );
-    Ok(Camera {
+    let camera = Camera {
         name,
         width_px,
         height_px,
@@ -368,8 +355,48 @@ fn finish(p: &LoadCameras, raw: &Raw, name: String, notes: &mut Notes) -> Result
         fy: fy * sy,
         cx: cx * sx,
         cy: cy * sy,
+        lens: Lens::PINHOLE,
         world_from_camera: world_from_camera.to_cols_array(),
-    })
+    };
+    distorted(p, raw, camera, notes)
+}
+
+/// The camera with the distortion of its lens, if that is visible.
+fn distorted(p: &LoadCameras, raw: &Raw, camera: Camera, notes: &mut Notes) -> Result<Camera, NodeError> {
+    let Some(bend) =
+        raw.distortion.as_ref().filter(|bend| bend.pixels.is_nan() || bend.pixels > INVISIBLE_PX)
+    else {
+        return Ok(camera);
+    };
+    let (name, distortion) = (&camera.name, &bend.text);
+    if p.distortion == Distortion::Ignore {
+        notes
+            .degraded("distortion-ignored", format!("lens distortion of `{name}` ({distortion}) is ignored"));
+        return Ok(camera);
+    }
+    let bad = |what: String| {
+        let error = NodeError::from(Error::format(&p.path.0, format!("camera `{name}` {what}"))).at("path");
+        error.hint("undistort the pictures first (`colmap image_undistorter`), or set `distortion: Ignore`")
+    };
+    let Some(model) = bend.model else {
+        return Err(bad(format!("has lens distortion of a model that is not supported ({distortion})")));
+    };
+    let lens = Lens::from(model);
+    let (width, height) = (f64::from(camera.width_px), f64::from(camera.height_px));
+    let border = (0..=BORDER).flat_map(|step| {
+        let (x, y) =
+            (width * f64::from(step) / f64::from(BORDER), height * f64::from(step) / f64::from(BORDER));
+        [[x, 0.0], [x, height], [0.0, y], [width, y]]
+    });
+    let shows =
+        |[x, y]: &[f64; 2]| lens.shows([(x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy].into());
+    if let Some([x, y]) = border.into_iter().find(|at| !shows(at)) {
+        return Err(bad(format!(
+            "has lens distortion ({distortion}) that shows no direction below 85 degrees at ({x:.0}, {y:.0}) of its \
+             picture of {width}x{height} pixels"
+        )));
+    }
+    Ok(Camera { lens, ..camera })
 }
 
 /// The rotation nearest to a matrix; `None` if the matrix differs from a rotation by more than rounding. Newton's

@@ -101,6 +101,10 @@ impl Kind for LoadPhotos {
         let list =
             |folder: &Option<InputFile>| folder.as_ref().map(|folder| listing(folder, cx.root())).transpose();
         let (files, masks) = (list(&p.path)?, list(&p.masks)?);
+        if let Some(camera) = inputs.rig.distorted() {
+            let error = NodeError::new(format!("camera `{}` has lens distortion", camera.name)).at("rig");
+            return Err(error.hint("training needs undistorted photographs (`colmap image_undistorter`)"));
+        }
         let cameras = &inputs.rig.cameras;
         let mut photos = Vec::with_capacity(cameras.len());
         let (mut clear, mut unmasked) = (0_u64, 0_u64);

@@ -21,6 +21,7 @@ mod guide;
 mod hanging;
 mod insertion;
 mod lamps;
+mod lens;
 mod materials;
 mod media;
 mod near_field;
@@ -123,6 +124,7 @@ fn rig(eye: DVec3, target: DVec3, size: u32, focal: f64) -> Arc<Rig> {
             fy: focal * half,
             cx: half,
             cy: half,
+            lens: Default::default(),
             world_from_camera: pose.to_cols_array(),
         }],
     })

@@ -11,7 +11,7 @@ use scene::io::capture::points::{self, ScoredPoint};
 use scene::io::picture::{FileEncoding, decode};
 use scene::io::progress::Progress;
 use scene::types::pick::stem;
-use scene::types::{Camera, Cell, Photo, Report, Table};
+use scene::types::{Camera, Cell, Lens, Photo, Report, Table};
 
 use crate::program::WorkFolder;
 
@@ -74,6 +74,7 @@ pub fn read(folder: &WorkFolder, cx: &Context) -> Result<Found, NodeError> {
             fy,
             cx: cx_px,
             cy: cy_px,
+            lens: Lens::PINHOLE,
             world_from_camera: raw.world_from_camera.to_cols_array(),
         };
         if !raw.lens.iter().chain(&camera.world_from_camera).all(|v| v.is_finite()) || fx <= 0.0 || fy <= 0.0

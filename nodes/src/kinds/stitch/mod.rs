@@ -90,6 +90,11 @@ impl Source {
             );
             return Err(NodeError::new(what).at("views"));
         }
+        if !view.camera.lens.is_pinhole() {
+            let what = format!("view `{}` has lens distortion", view.camera.name);
+            let error = NodeError::new(what).at("views");
+            return Err(error.hint("render the views with the cameras of `cube-rig`"));
+        }
         let pixels = view.colour.samples().as_chunks::<4>().0;
         let rows = cx.for_each_tile(height, |y| linear_row(&pixels[y * width..(y + 1) * width], encoded))?;
         let m = view.camera.world_from_camera();

@@ -104,6 +104,7 @@ fn before_the_cloud(name: &str) -> Camera {
         fy: focal,
         cx: 320.0,
         cy: 240.0,
+        lens: Default::default(),
         world_from_camera,
     }
 }

@@ -73,6 +73,7 @@ fn narrow() -> Arc<Rig> {
             fy: focal,
             cx: 0.5 * size,
             cy: 0.5 * size,
+            lens: Default::default(),
             world_from_camera: look(right, forward.cross(right), forward, EYE),
         }
     });

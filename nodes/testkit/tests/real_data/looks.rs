@@ -27,6 +27,7 @@ fn camera(eye: DVec3, target: DVec3, (width, height): (u32, u32), fov_y_deg: f64
         fy: f,
         cx: f64::from(width) / 2.0,
         cy: f64::from(height) / 2.0,
+        lens: Default::default(),
         world_from_camera: pose.to_cols_array(),
     };
     Rig { cameras: vec![camera] }

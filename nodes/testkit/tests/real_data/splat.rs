@@ -172,6 +172,7 @@ fn the_bench_case_looks_as_its_splatter_says() {
             fy: number(&view["fy"]),
             cx: number(&view["cx"]),
             cy: number(&view["cy"]),
+            lens: Default::default(),
             world_from_camera: m.try_into().unwrap(),
         };
         let seen = render(&splats, &camera, None, &Settings::default(), &data().context()).unwrap();

@@ -206,6 +206,7 @@ fn camera() -> Camera {
         fy: 36.5,
         cx: 21.0,
         cy: 12.5,
+        lens: Default::default(),
         world_from_camera: m.to_cols_array(),
     }
 }

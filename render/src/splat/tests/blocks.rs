@@ -5,7 +5,7 @@ use super::block::{BLOCK, Block, Blocks};
 use super::*;
 
 /// Splats in clumps all around the origin, one block per clump.
-fn clumps(count: usize, seed: u64, spread: f64) -> Splats {
+pub(super) fn clumps(count: usize, seed: u64, spread: f64) -> Splats {
     let mut splats = cloud(count, seed);
     let mut random = Random(seed + 1);
     for clump in splats.means.chunks_mut(BLOCK) {
@@ -17,12 +17,12 @@ fn clumps(count: usize, seed: u64, spread: f64) -> Splats {
     splats
 }
 
-fn turned(camera: Camera, turn: DMat3, eye: DVec3) -> Camera {
+pub(super) fn turned(camera: Camera, turn: DMat3, eye: DVec3) -> Camera {
     let matrix = DMat4::from_mat3(turn) * DMat4::from_cols_array(&camera.world_from_camera);
     Camera { world_from_camera: (DMat4::from_translation(eye) * matrix).to_cols_array(), ..camera }
 }
 
-fn draw_by_blocks(splats: &Splats, camera: &Camera, settings: Settings) -> Rendered {
+pub(super) fn draw_by_blocks(splats: &Splats, camera: &Camera, settings: Settings) -> Rendered {
     let cx = context();
     let blocks = settings.skip_unseen.then(|| Blocks::of(splats, &cx).expect("goes on"));
     render_with(splats, blocks.as_ref(), camera, None, &settings, &cx).expect("renders")
@@ -30,7 +30,7 @@ fn draw_by_blocks(splats: &Splats, camera: &Camera, settings: Settings) -> Rende
 
 /// Draws the same picture with and without blocks, checks that both have the same bits, and returns the work counts
 /// with blocks.
-fn both(draw: impl Fn(bool) -> Rendered) -> Work {
+pub(super) fn both(draw: impl Fn(bool) -> Rendered) -> Work {
     let (with, without) = (draw(true), draw(false));
     assert_eq!(bits(&with), bits(&without));
     assert_eq!(without.work.skipped, 0);

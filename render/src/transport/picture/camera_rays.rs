@@ -2,8 +2,8 @@
 
 use std::sync::{Arc, OnceLock};
 
-use glam::{DVec3, Vec3};
-use scene::types::Camera;
+use glam::{DVec2, DVec3, Vec3};
+use scene::types::{Camera, Lens};
 use serde::Serialize;
 
 use super::silhouette::Silhouette;
@@ -20,6 +20,8 @@ use crate::transport::scene::supports::Ground;
 pub(crate) struct CameraParams<'a> {
     size: (u32, u32),
     intrinsics: [f64; 4],
+    #[serde(skip_serializing_if = "Lens::is_pinhole")]
+    lens: &'a Lens,
     world_from_camera: &'a [f64; 16],
 }
 
@@ -28,6 +30,7 @@ impl<'a> CameraParams<'a> {
         Self {
             size: (camera.width_px, camera.height_px),
             intrinsics: [camera.fx, camera.fy, camera.cx, camera.cy],
+            lens: &camera.lens,
             world_from_camera: &camera.world_from_camera,
         }
     }
@@ -111,9 +114,10 @@ impl<'a> CameraRays<'a> {
         if let Some(splats) = self.splats {
             return splats.of((x as u32, y as u32));
         }
-        let Camera { fx, fy, cx, cy, .. } = *self.camera;
+        let Camera { fx, fy, cx, cy, lens, .. } = self.camera;
         let [right, down, forward] = self.axes;
-        let direction = right * ((x - cx) / fx) + down * ((y - cy) / fy) + forward;
+        let slope = lens.undistort(DVec2::new((x - cx) / fx, (y - cy) / fy));
+        let direction = right * slope.x + down * slope.y + forward;
         Ray::new(self.eye, direction.normalize().as_vec3())
     }
 

@@ -31,7 +31,8 @@ impl Silhouette {
         let margin = MARGIN[0] + MARGIN[1] * fx.abs().max(fy.abs());
         let mut all = Self { size, margin, held: vec![false; size[0] * size[1]] };
         let to_camera = DMat3::from_cols(axes[0], axes[1], axes[2]).inverse();
-        if !to_camera.is_finite() {
+        // The image of a box is not convex if the lens has distortion.
+        if !to_camera.is_finite() || !camera.lens.is_pinhole() {
             all.held.fill(true);
             return all;
         }
@@ -187,6 +188,7 @@ mod tests {
                     fy: -33.0,
                     cx: 18.5,
                     cy: 15.0,
+                    lens: Default::default(),
                     world_from_camera: pose.to_cols_array(),
                 };
                 let rays = CameraRays::new(&camera, DVec3::ZERO, 1, &ground, 1);

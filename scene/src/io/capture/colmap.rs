@@ -8,6 +8,7 @@ use super::distortion::{Bend, Coefficients};
 use super::raw::{Raw, from_colmap};
 use crate::error::Error;
 use crate::io::foreign::{BYTE_ORDER_MARK, refuse_foreign};
+use crate::types::LensModel;
 
 /// Name of each camera model and its number of parameters, in the order of the model numbers in binary files;
 /// see COLMAP's documentation of cameras.txt and its `sensor/models.h`.
@@ -65,6 +66,26 @@ fn coefficients(model: &str, rest: &[f64]) -> Coefficients {
     found
 }
 
+/// The lens model, from the parameters after the principal point. `None` for models that cameras cannot have.
+fn lens_model(model: &str, rest: &[f64]) -> Option<LensModel> {
+    let fisheye = |given: &[f64]| {
+        let mut k = [0.0; 4];
+        k.iter_mut().zip(given).for_each(|(to, from)| *to = *from);
+        LensModel::Fisheye { k }
+    };
+    match (model, rest) {
+        ("SIMPLE_RADIAL" | "RADIAL" | "OPENCV" | "FULL_OPENCV", _) => {
+            Some(coefficients(model, rest).rational())
+        }
+        ("OPENCV_FISHEYE" | "SIMPLE_RADIAL_FISHEYE" | "RADIAL_FISHEYE" | "SIMPLE_FISHEYE" | "FISHEYE", k) => {
+            Some(fisheye(k))
+        }
+        ("FOV", [omega]) => Some(LensModel::FieldOfView { omega: *omega }),
+        ("SIMPLE_DIVISION" | "DIVISION", [k]) => Some(LensModel::Division { k: *k }),
+        _ => None,
+    }
+}
+
 /// Reads the parameters of a camera. The error is the end of a sentence that begins with the camera.
 fn lens(model: &str, width: u64, height: u64, params: &[f64]) -> Result<Lens, String> {
     let Some((_, count)) = MODELS.iter().find(|(name, _)| *name == model) else {
@@ -111,7 +132,8 @@ fn lens(model: &str, width: u64, height: u64, params: &[f64]) -> Result<Lens, St
         _ => coefficients(model, rest).pixels([width, height], lens),
     };
     let bends = pixels.partial_cmp(&0.0) != Some(std::cmp::Ordering::Equal);
-    let distortion = bends.then(|| Bend { text: format!("{model} {rest:?}"), pixels });
+    let distortion =
+        bends.then(|| Bend { text: format!("{model} {rest:?}"), model: lens_model(model, rest), pixels });
     Ok(Lens { width, height, lens, distortion })
 }
 

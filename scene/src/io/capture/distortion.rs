@@ -1,5 +1,7 @@
 //! Lens distortion of camera models, and upper bounds on how far it moves a point of the picture.
 
+use crate::types::LensModel;
+
 /// Distortion coefficients of the camera models of OpenCV and COLMAP, except the fisheye models. OpenCV uses `k4`
 /// in the denominator of its rational model, and nerfstudio as the coefficient of r^8. The bound of
 /// [`Coefficients::pixels`] holds for both uses.
@@ -18,6 +20,8 @@ pub struct Coefficients {
 pub struct Bend {
     /// Model and its coefficients, for messages.
     pub text: String,
+    /// The model, if it is one that cameras can have.
+    pub model: Option<LensModel>,
     /// Upper bound of the displacement of a point of the picture, in pixels; infinite for fisheye lenses.
     pub pixels: f64,
 }
@@ -39,6 +43,26 @@ impl Coefficients {
         let tangential = 4.0 * r * (self.p[0].abs() + self.p[1].abs());
         let fov = self.omega * self.omega * (r2 / 3.0 + 1.0 / 12.0);
         fx.max(fy) * r * (radial + tangential + fov)
+    }
+
+    /// The lens model, with OpenCV's use of `k4` to `k6` as the denominator.
+    pub fn rational(&self) -> LensModel {
+        let [k1, k2, k3, denominator @ ..] = self.k;
+        LensModel::Radial { numerator: [k1, k2, k3, 0.0], denominator, tangential: self.p }
+    }
+
+    /// The lens model, with nerfstudio's use of `k4` as the coefficient of r^8. `None` if `k5` or `k6` is not 0.
+    pub fn polynomial(&self) -> Option<LensModel> {
+        let [k1, k2, k3, k4, k5, k6] = self.k;
+        let model =
+            LensModel::Radial { numerator: [k1, k2, k3, k4], denominator: [0.0; 3], tangential: self.p };
+        ([k5, k6] == [0.0; 2]).then_some(model)
+    }
+
+    /// The fisheye model with `k1` to `k4`. `None` if another coefficient is not 0.
+    pub fn fisheye(&self) -> Option<LensModel> {
+        let [k @ .., k5, k6] = self.k;
+        ([k5, k6, self.p[0], self.p[1]] == [0.0; 4]).then_some(LensModel::Fisheye { k })
     }
 
     /// True if the lens has no distortion.
