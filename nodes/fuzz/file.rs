@@ -40,14 +40,14 @@ fn run<K: Kind>(
 }
 
 /// Writes `files`, which are pairs of name and content, and reads cameras from the file `path`. All numbers must be
-/// finite. Returns true if the file was read.
+/// finite, also those of rays. Returns true if the file was read.
 pub fn cameras(path: &str, files: &[(&str, &[u8])]) -> bool {
     let params = LoadCameras {
         path: InputFile(path.to_owned()),
         pick: Vec::new(),
         list: "views".to_owned(),
         resolution: 1.0,
-        distortion: Distortion::Ignore,
+        distortion: Distortion::Apply,
         dataparser: None,
         matrix: None,
         clip: None,
@@ -59,6 +59,10 @@ pub fn cameras(path: &str, files: &[(&str, &[u8])]) -> bool {
         let lens = [camera.fx, camera.fy, camera.cx, camera.cy];
         assert!(lens.iter().chain(&camera.world_from_camera).all(|v| v.is_finite()));
         assert!(camera.width_px > 0 && camera.height_px > 0);
+        let [width, height] = [camera.width_px, camera.height_px].map(f64::from);
+        for [x, y] in [[0.0, 0.0], [width, height], [0.5 * width, 0.0], [camera.cx, camera.cy]] {
+            assert!(camera.ray(x, y).is_finite());
+        }
     }
     true
 }

@@ -7,6 +7,8 @@ use scene::types::pick::Pick;
 engine::choices! {
     /// Treatment of lens distortion.
     pub enum Distortion {
+        /// A camera with distortion is an error.
+        Refuse,
         /// Rays and splats follow the lens, so that renders fit the photographs as they are.
         Apply,
         /// Distortion is ignored, and the result is marked as degraded.
@@ -48,7 +50,7 @@ engine::params! {
         /// Factor by which the width and height of the pictures are multiplied.
         resolution: f64 = 1.0, range(0.001, 64), other("0.5");
         /// Treatment of lens distortion.
-        distortion: Distortion = Distortion::Apply, other("Ignore"), inert("most files have no distortion");
+        distortion: Distortion = Distortion::Refuse, other("Ignore"), inert("most files have no distortion");
         /// The file `dataparser_transforms.json` of a training run in nerfstudio, for splats exported from this
         /// run. It converts the cameras from the coordinates of the capture to the coordinates of the splats.
         /// COLMAP models and `transforms.json` need it; `camera_path.json` is already in the coordinates of the

@@ -57,7 +57,7 @@ impl LoadCameras {
             pick: Vec::new(),
             list: "views".to_owned(),
             resolution: 1.0,
-            distortion: Distortion::Apply,
+            distortion: Distortion::Refuse,
             dataparser: None,
             matrix: None,
             clip: None,
@@ -69,7 +69,7 @@ impl LoadCameras {
 
 impl Kind for LoadCameras {
     const NAME: &'static str = "load-cameras";
-    const VERSION: u32 = 8;
+    const VERSION: u32 = 7;
     const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
     const STORE: Keep = Keep::Cheap;
     const FOLDERS: bool = true;
@@ -375,9 +375,14 @@ fn distorted(p: &LoadCameras, raw: &Raw, camera: Camera, notes: &mut Notes) -> R
         return Ok(camera);
     }
     let bad = |what: String| {
-        let error = NodeError::from(Error::format(&p.path.0, format!("camera `{name}` {what}"))).at("path");
-        error.hint("undistort the pictures first (`colmap image_undistorter`), or set `distortion: Ignore`")
+        NodeError::from(Error::format(&p.path.0, format!("camera `{name}` {what}"))).at("path")
     };
+    const UNDISTORT: &str = "undistort the photographs first (`colmap image_undistorter`)";
+    if p.distortion == Distortion::Refuse {
+        let hint = format!("set `distortion: Apply` to render what this lens shows, or {UNDISTORT}");
+        return Err(bad(format!("has lens distortion ({distortion})")).hint(hint));
+    }
+    let bad = |what: String| bad(what).hint(UNDISTORT);
     let Some(model) = bend.model else {
         return Err(bad(format!("has lens distortion of a model that is not supported ({distortion})")));
     };

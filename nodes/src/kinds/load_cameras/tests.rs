@@ -1,3 +1,4 @@
+mod applied;
 mod lenses;
 mod models;
 mod nerfstudio;
@@ -98,11 +99,10 @@ fn six_ways_to_write_one_camera() {
 }
 
 #[test]
-fn distortion_is_applied_or_reported() {
+fn distortion_is_refused_or_reported() {
     let bent = STUDIO.replace("\"k1\": 0.0", "\"k1\": 0.1");
     let files: [(&str, &[u8]); 1] = [("t.json", bent.as_bytes())];
-    let (cameras, notes) = load(&files, &node("t.json")).unwrap_or_else(|e| panic!("{e}"));
-    assert!(!cameras[0].lens.is_pinhole() && !notes.is_degraded());
+    assert!(load(&files, &node("t.json")).is_err());
     let ignore = LoadCameras { distortion: Distortion::Ignore, ..node("t.json") };
     assert!(load(&files, &ignore).is_ok_and(|(_, notes)| notes.is_degraded()));
     let straight = "7 OPENCV 40 30 50 51 20.5 14 0 0 0 0\n";
@@ -110,13 +110,9 @@ fn distortion_is_applied_or_reported() {
     let colmap = |cameras: &str| {
         load(&[("m/cameras.txt", cameras.as_bytes()), ("m/images.txt", text.as_bytes())], &node("m"))
     };
-    let bends = |cameras: &str| {
-        let (cameras, _) = colmap(cameras).unwrap_or_else(|e| panic!("{e}"));
-        !cameras[0].lens.is_pinhole()
-    };
-    assert!(!bends(straight));
-    assert!(bends(&fish), "a fisheye bends even with zeros");
-    assert!(bends("7 SIMPLE_RADIAL 40 30 50 20 15 0.05\n"));
+    assert!(colmap(straight).is_ok());
+    assert!(colmap(&fish).is_err(), "a fisheye bends even with zeros");
+    assert!(colmap("7 SIMPLE_RADIAL 40 30 50 20 15 0.01\n").is_err());
     // A model that is not a perspective camera is refused by name, even with `Ignore`.
     let model = |name: &str, p: &LoadCameras| {
         let text = STUDIO.replace("\"k1\": 0.0", &format!("\"camera_model\": \"{name}\""));
@@ -124,8 +120,8 @@ fn distortion_is_applied_or_reported() {
     };
     let refused = model("EQUIRECTANGULAR", &ignore).err().map(|e| e.to_string()).unwrap_or_default();
     assert!(refused.contains("`EQUIRECTANGULAR`"), "{refused}");
-    let fish = model("THIN_PRISM_FISHEYE", &node("t.json")).err().map(|e| e.to_string()).unwrap_or_default();
-    assert!(fish.contains("of a model that is not supported (THIN_PRISM_FISHEYE)"), "{fish}");
+    let fish = model("OPENCV_FISHEYE", &node("t.json")).err().map(|e| e.to_string()).unwrap_or_default();
+    assert!(fish.contains("distortion (OPENCV_FISHEYE)"), "{fish}");
     assert!(model("OPENCV_FISHEYE", &ignore).is_ok_and(|(_, notes)| notes.is_degraded()));
 }
 
