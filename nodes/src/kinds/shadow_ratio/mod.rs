@@ -77,26 +77,25 @@ impl ShadowRatio {
         let (width, height) = (without.width, without.height);
         let unit = match self.form {
             RatioForm::Paper => 1.0,
-            _ => level(
-                without
-                    .samples
-                    .chunks_exact(without.channels)
-                    .flat_map(|pixel| &pixel[..3])
-                    .map(|v| f64::from(*v)),
-            ),
+            _ => level(without.samples.chunks_exact(without.channels).flat_map(|pixel| &pixel[..3]).copied()),
         };
         let limits =
             Limits { epsilon: self.epsilon * unit, min_energy: self.min_energy * unit, s_max: self.s_max };
         let rows = cx.for_each_tile(height, |y| {
             let (mut shadow, mut added) = (Vec::with_capacity(3 * width), Vec::with_capacity(3 * width));
             let mut tally = Tally::default();
+            let columns = self.columns(without, y);
             for x in 0..width {
                 let pair = [without.rgb(x, y), with.rgb(x, y)].map(|rgb| rgb.map(f64::from));
                 for c in 0..3 {
                     let [a, b] = pair.map(|rgb| self.of(rgb, c));
                     tally.samples += 1;
                     let (factor, extra) = if a.is_finite() && b.is_finite() {
-                        let energy = || self.neighbourhood(without, x, y, c);
+                        let energy = || {
+                            let about = lit(&columns, x, c);
+                            let is_enough = about > 2.0 * ROUNDED * limits.min_energy && about.is_finite();
+                            if is_enough { about } else { self.neighbourhood(without, x, y, c) }
+                        };
                         let shone_on = || self.is_shone_on(without, with, x, y, c);
                         let factor = self.form.ratio(&limits, (a, b), energy, shone_on, &mut tally);
                         (factor, self.form.added(pair[0][c], pair[1][c]))
@@ -147,6 +146,20 @@ impl ShadowRatio {
         2 * bright > count
     }
 
+    /// Sum of the light of each pixel column over a row and its neighbours, and the number of these rows.
+    fn columns(&self, image: &Image<Linear>, y: usize) -> (Vec<[f64; 3]>, usize) {
+        let rows = y.saturating_sub(1)..=(y + 1).min(image.height - 1);
+        let sum = |x: usize| {
+            let mut sum = [0.0; 3];
+            for y in rows.clone() {
+                let rgb = image.rgb(x, y).map(f64::from);
+                (0..3).for_each(|c| sum[c] += self.of(rgb, c));
+            }
+            sum
+        };
+        ((0..image.width).map(sum).collect(), rows.clone().count())
+    }
+
     /// Mean of the finite values around a pixel, so that the test against `min_energy` does not depend on the noise
     /// of one pixel.
     fn neighbourhood(&self, image: &Image<Linear>, x: usize, y: usize, c: usize) -> f64 {
@@ -160,6 +173,16 @@ impl ShadowRatio {
         }
         sum / f64::max(count, 1.0)
     }
+}
+
+/// Factor above 1 by which rounding may change a mean of nine values, and far more.
+const ROUNDED: f64 = 1.0 + 1e-6;
+
+/// About the mean light of channel `c` around a pixel, from the sums of [`ShadowRatio::columns`]. Above twice
+/// `min_energy`, where most pixels are, the exact mean does not matter. NaN or infinite if a value is not finite.
+fn lit((columns, rows): &(Vec<[f64; 3]>, usize), x: usize, c: usize) -> f64 {
+    let near = &columns[x.saturating_sub(1)..=(x + 1).min(columns.len() - 1)];
+    near.iter().map(|column| column[c]).sum::<f64>() / (near.len() * rows) as f64
 }
 
 /// A pixel and its neighbours, row by row.

@@ -9,7 +9,7 @@ use engine::{Context, NodeError, Part};
 use scene::types::Camera;
 use serde::Serialize;
 
-use super::accumulator::{Accumulator, FinishedView, TargetError, finish};
+use super::accumulator::{Accumulator, FinishedView, TargetError};
 use super::camera_rays::{CameraParams, CameraRays};
 use super::crop::Crop;
 use super::film::FIRST_HIT;
@@ -364,7 +364,7 @@ impl<'a> Tracing<'a> {
         if let Some(guide) = &*guide {
             accumulator.rays += guide.rays;
         }
-        Ok(finish(camera, self.settings.coarse_px, &accumulator, &front, reached))
+        accumulator.finish(camera, self.settings.coarse_px, &front, reached, self.cx)
     }
 }
 

@@ -1,15 +1,16 @@
 //! Computation of the finished images of one camera from sums over samples.
 
-use scene::math::color::luminance;
-use scene::types::{Camera, Cell, Data, Image, Linear};
+mod finish;
 
-use super::film::CROSS;
-use super::film::FIRST_HIT;
-use super::film::PAIR;
-use super::film::R0;
-use super::film::{Area, Sums};
+use scene::math::color::luminance;
+use scene::types::{Cell, Data, Image, Linear};
+
 use crate::light::level::level;
 use crate::transport::path::rays::Rays;
+use crate::transport::picture::film::CROSS;
+use crate::transport::picture::film::PAIR;
+use crate::transport::picture::film::R0;
+use crate::transport::picture::film::{Area, Sums};
 
 /// Indices of the sums of squares among the sums of a pixel. The parts store their square roots.
 const SQUARES: [usize; 3] = [3, R0 + 3, R0 + 8];
@@ -173,7 +174,7 @@ impl Accumulator {
     /// Median luminance of R0 over the pixels that are lit, computed as in `shadow-ratio`. The mean would be
     /// dominated by a visible sun.
     pub(crate) fn mean_luminance(&self) -> f64 {
-        level((0..self.samples.len()).map(|index| self.luminances(index)[0]))
+        level((0..self.samples.len()).map(|index| self.luminances(index)[0] as f32))
     }
 
     /// Mean luminance of the objects over the pixels that they cover.
@@ -235,78 +236,4 @@ pub(crate) struct Variances {
     change: f64,
     pub(crate) object: f64,
     pub(crate) ratio: f64,
-}
-
-/// Computes the images of a camera from the sums of all samples. Each traced pixel may represent a block of pixels.
-pub(crate) fn finish(
-    camera: &Camera,
-    coarse_px: u32,
-    accumulator: &Accumulator,
-    front: &Sums,
-    reached: Option<ReachedError>,
-) -> FinishedView {
-    let (width, height) = (camera.width_px as usize, camera.height_px as usize);
-    let mut images = [3, 3, 4].map(|channels| Image::<Linear>::new(width, height, channels));
-    let [mut depth, mut nearest, mut normal, mut variance] =
-        [1, 1, 3, 4].map(|channels| Image::new(width, height, channels));
-    let (mut means, mut errors, mut beyond, mut told_any) = ([0.0; 3], [0.0; 3], 0, false);
-    for (x, y) in Area::whole(camera).each() {
-        let index = accumulator.whole.index((x / coarse_px, y / coarse_px));
-        let (x, y) = (x as usize, y as usize);
-        let (sums, n) = accumulator.pixel(index);
-        for ((image, first), mean) in images.iter_mut().zip([0, R0, R0 + 4]).zip(&mut means) {
-            let channels = image.channels;
-            let pixel = image.pixel_mut(x, y);
-            for (out, sum) in pixel.iter_mut().zip(&sums[first..first + channels]) {
-                *out = (sum / n) as f32;
-            }
-            *mean += f64::from(luminance([pixel[0], pixel[1], pixel[2]]));
-        }
-        let spread = accumulator.variances(index);
-        // R1 is R0 plus a change, whose errors may be correlated.
-        let with = spread.without.sqrt() + spread.change.sqrt();
-        let spreads = [spread.without, with * with, spread.object];
-        for (sum, v) in errors.iter_mut().zip(spreads) {
-            *sum += v;
-        }
-        let reported = variance.pixel_mut(x, y);
-        for (to, v) in reported.iter_mut().zip(spreads.into_iter().chain([spread.ratio])) {
-            *to = (v as f32).min(f32::MAX);
-            beyond += u64::from(v > f64::from(f32::MAX) || (v > 0.0 && *to == 0.0));
-        }
-        told_any |= n > 1.0;
-        let values = &front.sums[index * FIRST_HIT..(index + 1) * FIRST_HIT];
-        depth.pixel_mut(x, y)[0] = values[0];
-        nearest.pixel_mut(x, y)[0] = values[1];
-        normal.pixel_mut(x, y).copy_from_slice(&values[2..]);
-    }
-    let all = (width * height).max(1) as f64;
-    let mut rays = accumulator.rays;
-    rays += front.rays;
-    let mut row = vec![Cell::Text(camera.name.clone())];
-    for k in 0..3 {
-        row.push(Cell::Number(means[k] / all));
-        row.push(if told_any { Cell::Number((errors[k] / all).sqrt()) } else { Cell::Missing });
-    }
-    row.push(Cell::Count(rays.all()));
-    let [traced, untouched, cropped] = accumulator.pixels.map(|n| n as f64);
-    row.extend([untouched, cropped].map(|n| Cell::Number(n / traced.max(1.0))));
-    let covered: f64 = (0..accumulator.samples.len()).map(|index| accumulator.pixel(index).0[R0 + 7]).sum();
-    let [cut, behind] = [accumulator.cut, accumulator.behind].map(|count| count as f64 / covered.max(1.0));
-    let cropped = (cropped / traced.max(1.0), f64::from(accumulator.bound));
-    FinishedView {
-        images,
-        depth,
-        nearest,
-        normal,
-        variance,
-        row,
-        rays,
-        broken: accumulator.broken,
-        beyond,
-        cut,
-        behind,
-        cropped,
-        reached,
-    }
 }
