@@ -14,7 +14,7 @@ export function Adder(stage, things, pointer) {
     try { names = await json("/objects"); } catch (error) { return page.notify(error.message); }
     const list = el("select", { id: "add-object", "aria-label": "Object" }, names.map((name) => el("option", { value: name }, name)));
     show($("add"), el("h3", {}, "Add an object"),
-      names.length ? el("p", {}, list, " ", el("button", { id: "add-click", type: "button", onclick: () => stand(list.value) }, "Click the floor"))
+      names.length ? el("p", { class: "tool" }, list, el("button", { id: "add-click", type: "button", onclick: () => stand(list.value) }, "Click the floor"))
         : el("p", {}, "There is no .glb or .gltf file in the folder of the graph. Copy one there."),
       el("p", { class: "dim" }, "This writes LoadObject, Pose and Place into the text, and a wire into `objects` of PathTrace. Undo takes all of it back."),
       el("p", {}, el("button", { type: "button", onclick: close }, "Close")));

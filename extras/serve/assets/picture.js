@@ -135,6 +135,7 @@ export function Picture(report, drawn) {
     $("label-a").hidden = !sides.b || mode() === 2 || mode() > 2;
     $("label-b").hidden = !sides.b || mode() === 0 || mode() > 2;
     drawn(a);
+    readout();
     if (!gl || !a?.texture) return;
     const ratio = devicePixelRatio;
     const [width, height] = [Math.round(view.clientWidth * ratio), Math.round(view.clientHeight * ratio)];
@@ -195,11 +196,13 @@ export function Picture(report, drawn) {
     return `${side.toUpperCase()} ${values.join("  ")}`;
   }
 
-  function readout(event) {
+  // Where the pointer is on the screen; null outside of the pane.
+  let pointed = null;
+  function readout() {
     const a = sides.a;
-    if (!a) return;
+    if (!a || !pointed) { $("pixel").textContent = ""; return; }
     const box = view.getBoundingClientRect();
-    const [x, y] = spot(event.clientX - box.left, event.clientY - box.top);
+    const [x, y] = spot(pointed[0] - box.left, pointed[1] - box.top);
     const inside = x >= 0 && y >= 0 && x < a.width && y < a.height;
     const [u, v] = [x / a.width, y / a.height];
     const differs = inside && flip ? `FLIP ${number(flip.samples[Math.floor(y) * flip.width + Math.floor(x)])}` : "";
@@ -242,7 +245,8 @@ export function Picture(report, drawn) {
     view.setPointerCapture(event.pointerId);
   });
   view.addEventListener("pointermove", (event) => {
-    readout(event);
+    pointed = [event.clientX, event.clientY];
+    readout();
     if (!drag) return;
     if (drag.split) {
       const box = view.getBoundingClientRect();
@@ -257,6 +261,7 @@ export function Picture(report, drawn) {
     }
     redraw();
   });
+  view.addEventListener("pointerleave", () => { pointed = null; readout(); });
   for (const end of ["pointerup", "pointercancel"]) view.addEventListener(end, () => { drag = null; });
   view.addEventListener("wheel", (event) => {
     if (event.target.closest("#report")) return;
