@@ -75,6 +75,8 @@ function status() {
 // ---- the graph
 
 let fetching = null;
+// Digest of a first graph, until the page shows it: its pose is then chosen.
+let started = null;
 async function refresh() {
   // One request at a time; one more if the graph changed meanwhile.
   if (fetching) { fetching.again = true; return; }
@@ -83,6 +85,7 @@ async function refresh() {
     page.view = await json("/graph");
     const { view } = page;
     edits.fetched(view.digest);
+    if (started === view.digest) [started, page.chosen] = [null, null];
     document.title = `${view.name?.split("/").pop() ?? "graph"} · lightharmony`;
     $("name").textContent = view.name ?? "lightharmony";
     if (!view.nodes?.some((node) => node.id === page.chosen)) page.chosen = view.nodes?.find((node) => node.kind === "Pose")?.id ?? view.nodes?.[0]?.id ?? null;
@@ -147,9 +150,8 @@ async function begin() {
 
 // Puts an object into a bare capture; the new graph then shows its pose.
 const start = (data) => attempt(async () => {
-  await edits.change("/start", data);
-  // The new graph may have come before this answer.
-  page.chosen = null;
+  // The new graph comes before this answer or after it.
+  started = (await edits.change("/start", data)).digest;
   await refresh();
   return true;
 });

@@ -1,5 +1,5 @@
 // The panel that puts an object into a bare capture.
-import { $, el, number, show } from "./dom.js";
+import { $, el, fileLabel, number, show } from "./dom.js";
 import { scaleText } from "./fields.js";
 import { add, dot, mul, sub } from "./space.js";
 
@@ -19,7 +19,7 @@ export function Starter(stage, things, pointer) {
     $("start").hidden = !start;
     if (!start) return;
     const { proposals, objects, up, axes } = start;
-    const list = el("select", { id: "start-object", "aria-label": "Object" }, objects.map((name) => el("option", { value: name, selected: name === wanted }, name)));
+    const list = el("select", { id: "start-object", "aria-label": "Object" }, objects.map((name) => el("option", { value: name, selected: name === wanted }, fileLabel(name))));
     list.addEventListener("change", () => { wanted = list.value; });
     const option = (axis) => el("option", { value: axis, selected: axis === up }, axis);
     const turn = el("select", { id: "start-up", onchange: () => turned(turn.value) },

@@ -28,11 +28,11 @@ fn middle(splats: &Splats) -> (DVec3, f64) {
 fn weights(splats: &Splats) -> Vec<f64> {
     let (centre, radius) = middle(splats);
     // Splats that are nearer to the middle than this count alike.
-    let near = (NEAR * radius).max(f64::MIN_POSITIVE);
+    let near = if radius > 0.0 { NEAR * radius } else { 1.0 };
     let weight = |index: usize| {
         let [a, b, c] = splats.scales[index].map(f64::from);
         let area = (a * b).max(b * c).max(c * a);
-        let away = splats.mean(index).distance(centre).hypot(near);
+        let away = (splats.mean(index).distance_squared(centre) + near * near).sqrt();
         f64::from(splats.opacities[index]) * area.sqrt() / away
     };
     (0..splats.len()).map(weight).collect()
@@ -125,12 +125,12 @@ fn merged(surface: &Surface, low: DVec3, per_unit: f64) -> Surface {
 mod tests {
     use super::*;
 
-    /// Splats on the circle with the radius 5, as (size, distance from the circle).
+    /// Splats at the distance 5 from the origin in four directions, as (size, additional distance).
     fn ring(splats: &[(f32, f32)]) -> Splats {
         let n = splats.len();
         let at = |(i, (_, out)): (usize, &(f32, f32))| {
-            let (sin, cos) = (i as f32).sin_cos();
-            [(5.0 + out) * cos, (5.0 + out) * sin, 0.0]
+            let away = 5.0 + out;
+            [[away, 0.0, 0.0], [-away, 0.0, 0.0], [0.0, away, 0.0], [0.0, -away, 0.0]][i % 4]
         };
         Splats {
             means: splats.iter().enumerate().map(at).collect(),
