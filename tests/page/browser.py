@@ -1406,21 +1406,22 @@ def main():
 def looks(program, folder):
     """Screenshots on a laptop and on a 4K screen, light and dark."""
     place = Place(program)
-    place.idle()
-    for name, size, theme in (("laptop-light", (1366, 768), "light"), ("laptop-dark", (1366, 768), "dark"), ("uhd-light", (3840, 2160), "light"), ("uhd-dark", (3840, 2160), "dark")):
-        browser = Browser(size)
-        browser.open(place.url)
-        browser.js("document.documentElement.dataset.theme = arguments[0]", theme)
-        ready(browser)
-        until(lambda: browser.pixel(0.5, 0.5)[3] == 255, "the picture is drawn")
-        time.sleep(0.5)
-        browser.shot(folder / f"{name}.png")
-        browser.click("#tab-place")
-        until(lambda: solid(browser, 0.5, 0.5)[3] > 200, "the place is drawn", 60)
-        time.sleep(0.5)
-        browser.shot(folder / f"{name}-place.png")
-        browser.close()
-    place.stop()
+    try:
+        place.idle()
+        for name, size, theme in (("laptop-light", (1366, 768), "light"), ("laptop-dark", (1366, 768), "dark"), ("uhd-light", (3840, 2160), "light"), ("uhd-dark", (3840, 2160), "dark")):
+            with contextlib.closing(Browser(size)) as browser:
+                browser.open(place.url)
+                browser.js("document.documentElement.dataset.theme = arguments[0]", theme)
+                ready(browser)
+                until(lambda: browser.pixel(0.5, 0.5)[3] == 255, "the picture is drawn")
+                time.sleep(0.5)
+                browser.shot(folder / f"{name}.png")
+                browser.click("#tab-place")
+                until(lambda: solid(browser, 0.5, 0.5)[3] > 200, "the place is drawn", 60)
+                time.sleep(0.5)
+                browser.shot(folder / f"{name}-place.png")
+    finally:
+        place.stop()
 
 
 if __name__ == "__main__":
