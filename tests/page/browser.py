@@ -63,7 +63,7 @@ class Browser:
         self.port = free_port()
         self.driver = subprocess.Popen(["chromedriver", f"--port={self.port}"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         # WebGL 2 in software.
-        flags = ["--headless=new", "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
+        flags = ["--headless=new", "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-gpu-watchdog",
                  f"--window-size={size[0]},{size[1]}", "--disable-gpu-sandbox", "--hide-scrollbars",
                  "--host-resolver-rules=MAP rebound.test 127.0.0.1"]
         if not webgl:
@@ -284,7 +284,7 @@ PATIENCE = float(os.environ.get("LIGHTHARMONY_PATIENCE", "1"))
 
 
 def until(good, what, seconds=20):
-    """Waits until `good()` is true; returns the seconds that it took."""
+    """Waits until `good()` is true; returns the seconds that it took. `what` is a text, or gives one at the end."""
     begin, seconds = time.monotonic(), seconds * PATIENCE
     while True:
         try:
@@ -293,20 +293,31 @@ def until(good, what, seconds=20):
         except (OSError, KeyError, RuntimeError):
             pass
         if time.monotonic() - begin > seconds:
-            raise AssertionError(f"not within {seconds} s: {what}")
+            raise AssertionError(f"not within {seconds} s: {what() if callable(what) else what}")
         time.sleep(0.01)
 
 
-# Limits of the two times that users notice most, in seconds, on a machine that does nothing else.
-USABLE, PREVIEW = 1.0, 0.7
+# Limits of the times that users notice most, in seconds, on a machine that does nothing else: until the page is usable, from a
+# move of a slider to the first preview, and from a save in an editor to the new text on the page.
+USABLE, PREVIEW, FOLLOWS = 1.0, 0.7, 0.5
+
+
+def middle(times):
+    return sorted(times)[len(times) // 2]
+
+
+def show(times):
+    return ", ".join(f"{one:.2f}" for one in times)
 
 
 def allowance():
-    """By how much the limits of times are multiplied: on a loaded machine, twice the ratio of wall time to CPU time of a busy loop."""
+    """By how much the limits of times are multiplied: 1 on an idle machine; on a loaded one, twice the ratio of wall time to CPU
+    time of a busy loop."""
     wall, cpu = time.monotonic(), time.process_time()
     while time.process_time() - cpu < 0.2:
         pass
-    return 2 * max(1.0, (time.monotonic() - wall) / 0.2)
+    ratio = (time.monotonic() - wall) / 0.2
+    return 1.0 if ratio < 1.1 else 2 * ratio
 
 
 def check(good, what):
@@ -336,6 +347,7 @@ def opens(b, p):
     until(lambda: b.pixel(0.5, 0.5)[3] == 255, "the picture is drawn")
     colours = {tuple(b.pixel(x / 8, y / 8)) for x in range(2, 7) for y in range(2, 7)}
     check(len(colours) > 8, "the picture has content")
+    check(b.text("#written").endswith("picture.png"), f"its file is named: {b.text('#written')}")
 
 
 def edits(b, p):
@@ -386,12 +398,17 @@ def drags(b, p):
 def follows(b, p):
     """The page follows a save in an editor in under half a second."""
     ready(b)
-    p.write(p.text().replace("gamma: 0.8", "gamma: 0.55"))
     b.click("#tab-text")
-    took = until(lambda: "gamma: 0.55" in b.text("#text"), "the text follows")
-    check(took < 0.5, f"{took:.2f} s")
-    print(f"    {took:.2f} s after the save")
-    ready(b)
+    took = []
+    for gamma in ("0.55", "0.6", "0.65"):
+        begin = time.monotonic()
+        p.write(GRAPH.replace("gamma: 0.8", f"gamma: {gamma}"))
+        until(lambda: f"gamma: {gamma}" in b.text("#text"), "the text follows")
+        took.append(time.monotonic() - begin)
+        ready(b)
+    more = allowance()
+    print(f"    {show(took)} s after a save; limit times {more:.1f}")
+    check(middle(took) < FOLLOWS * more, f"{show(took)} s after a save, limit {FOLLOWS} s times {more:.1f}")
     b.click("#tab-graph")
 
 
@@ -451,10 +468,16 @@ def pictures(b, p):
     b.click("#lights")
     b.click("#sphere")
     x, y, w, h = b.box("#view")
-    b.drag((x + w / 2, y + h / 2), (x + w / 2 + 150, y + h / 2 + 80))
+    # Not in the middle, which is between two pixels.
+    start = x + w / 2 + 9, y + h / 2 + 7
+    b.at("POST", "/actions", {"actions": [{"type": "pointer", "id": "p", "actions": [{"type": "pointerMove", "x": round(start[0]), "y": round(start[1]), "origin": "viewport"}]}]})
+    until(lambda: b.text("#pixel").startswith("("), "there is a read-out")
+    time.sleep(0.3)
+    grabbed = b.text("#pixel")
+    b.drag(start, (start[0] + 150, start[1] + 80))
     until(lambda: at() != plain, "the panorama is looked at from inside")
     # What is under the pointer follows it.
-    until(lambda: b.text("#pixel").startswith("(128, 64)"), f"read-out: {b.text('#pixel')}")
+    until(lambda: b.text("#pixel") == grabbed, lambda: f"read-out: {b.text('#pixel')}, not {grabbed}")
     b.click("#sphere")
     until(lambda: at() == plain, "and flat again")
     exposure = lambda v: b.js("const e = document.getElementById('exposure'); e.value = arguments[0]; e.dispatchEvent(new Event('input'))", v)
@@ -536,6 +559,7 @@ def restarts(b, p):
     p.start()
     check(p.url == url, "the address is the same")
     until(lambda: "not connected" not in b.text("#status"), "the page reconnects", 30)
+    check("did not answer" not in b.text("#notice"), f"no notice is left: {b.text('#notice')}")
     b.console()
     ready(b)
     b.click("#undo")
@@ -1016,6 +1040,7 @@ def starts(b, p):
         until(lambda: "set by hand" in b.text("#start"), f"and shown: {b.text('#start')}")
         scaled = fresh.text()
         b.click("#start-click")
+        check(b.text("#start-click") == "Cancel" and not b.js("return document.getElementById('start-object').checkVisibility()"), "the panel does not cover the place")
         x, y, w, h = b.box("#space")
         # The first camera looks at a level surface.
         click(b, x + w * 0.5, y + h * 0.56)
@@ -1026,6 +1051,7 @@ def starts(b, p):
         z = float(re.search(r"pose: +Pose\(translation: \([^,]*, [^,]*, ([-\d.]+)\)", text)[1])
         check(min(abs(z), abs(z - 0.7)) < 0.05, f"the cone stands on the floor or on the table: {z}")
         until(lambda: b.js("return document.getElementById('start').hidden"), "the panel is gone")
+        until(lambda: b.text("#node h2") == "pose: Pose", lambda: f"the pose of the object is shown: {b.text('#node h2')}")
         # A small picture is enough here.
         first = len(fresh.events)
         fresh.write(text.replace("width_px: 960, height_px: 540", "width_px: 192, height_px: 108"))
@@ -1104,7 +1130,7 @@ def foresees(b, p):
     would = lambda: b.js("return [...document.querySelectorAll('g.node.would')].map((g) => g.querySelector('text').textContent)")
     for what in ('[aria-label="yaw_deg"]', '[data-field="yaw_deg"] .head button'):
         b.js("document.querySelector(arguments[0]).focus()", what)
-        until(lambda: "pose" in would() and "save" in would() and b.text("#plan").startswith("would run pose"), f"{what}: {would()} {b.text('#plan')}")
+        until(lambda: "pose" in would() and "save" in would() and b.text("#plan").startswith("would run pose"), lambda: f"{what}: {would()} {b.text('#plan')}")
         b.js("document.activeElement.blur()")
         until(lambda: not would() and not b.text("#plan"), "and not after it")
     b.click("#tab-place")
@@ -1220,8 +1246,6 @@ def times(b, p):
     until(lambda: "trying" not in b.text("#status"), "nothing is tried any more")
     ready(b)
     more = allowance()
-    middle = lambda all: sorted(all)[len(all) // 2]
-    show = lambda all: ", ".join(f"{one:.2f}" for one in all)
     print(f"    usable after {show(usable)} s; first preview after {show(preview)} s; limits times {more:.1f}; the watch has {p.memory():.0f} MiB")
     check(middle(usable) < USABLE * more, f"usable after {show(usable)} s, limit {USABLE} s times {more:.1f}")
     check(middle(preview) < PREVIEW * more, f"first preview after {show(preview)} s, limit {PREVIEW} s times {more:.1f}")
@@ -1382,21 +1406,22 @@ def main():
 def looks(program, folder):
     """Screenshots on a laptop and on a 4K screen, light and dark."""
     place = Place(program)
-    place.idle()
-    for name, size, theme in (("laptop-light", (1366, 768), "light"), ("laptop-dark", (1366, 768), "dark"), ("uhd-light", (3840, 2160), "light"), ("uhd-dark", (3840, 2160), "dark")):
-        browser = Browser(size)
-        browser.open(place.url)
-        browser.js("document.documentElement.dataset.theme = arguments[0]", theme)
-        ready(browser)
-        until(lambda: browser.pixel(0.5, 0.5)[3] == 255, "the picture is drawn")
-        time.sleep(0.5)
-        browser.shot(folder / f"{name}.png")
-        browser.click("#tab-place")
-        until(lambda: solid(browser, 0.5, 0.5)[3] > 200, "the place is drawn", 60)
-        time.sleep(0.5)
-        browser.shot(folder / f"{name}-place.png")
-        browser.close()
-    place.stop()
+    try:
+        place.idle()
+        for name, size, theme in (("laptop-light", (1366, 768), "light"), ("laptop-dark", (1366, 768), "dark"), ("uhd-light", (3840, 2160), "light"), ("uhd-dark", (3840, 2160), "dark")):
+            with contextlib.closing(Browser(size)) as browser:
+                browser.open(place.url)
+                browser.js("document.documentElement.dataset.theme = arguments[0]", theme)
+                ready(browser)
+                until(lambda: browser.pixel(0.5, 0.5)[3] == 255, "the picture is drawn")
+                time.sleep(0.5)
+                browser.shot(folder / f"{name}.png")
+                browser.click("#tab-place")
+                until(lambda: solid(browser, 0.5, 0.5)[3] > 200, "the place is drawn", 60)
+                time.sleep(0.5)
+                browser.shot(folder / f"{name}-place.png")
+    finally:
+        place.stop()
 
 
 if __name__ == "__main__":

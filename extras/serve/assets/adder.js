@@ -1,5 +1,5 @@
 // The panel that adds an object to a graph.
-import { $, el, number, show } from "./dom.js";
+import { $, el, fileLabel, number, show } from "./dom.js";
 import { json } from "./server.js";
 
 // An object of more metres than this is probably in centimetres.
@@ -12,9 +12,9 @@ export function Adder(stage, things, pointer) {
     if (!$("add").hidden) return close();
     let names = [];
     try { names = await json("/objects"); } catch (error) { return page.notify(error.message); }
-    const list = el("select", { id: "add-object", "aria-label": "Object" }, names.map((name) => el("option", { value: name }, name)));
+    const list = el("select", { id: "add-object", "aria-label": "Object" }, names.map((name) => el("option", { value: name }, fileLabel(name))));
     show($("add"), el("h3", {}, "Add an object"),
-      names.length ? el("p", {}, list, " ", el("button", { id: "add-click", type: "button", onclick: () => stand(list.value) }, "Click the floor"))
+      names.length ? el("p", { class: "tool" }, list, el("button", { id: "add-click", type: "button", onclick: () => stand(list.value) }, "Click the floor"))
         : el("p", {}, "There is no .glb or .gltf file in the folder of the graph. Copy one there."),
       el("p", { class: "dim" }, "This writes LoadObject, Pose and Place into the text, and a wire into `objects` of PathTrace. Undo takes all of it back."),
       el("p", {}, el("button", { type: "button", onclick: close }, "Close")));

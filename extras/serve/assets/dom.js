@@ -48,6 +48,9 @@ export function seconds(s) {
 
 export const clock = (at) => new Date(at * 1000).toLocaleTimeString();
 
+// The name of a file for a menu: the end of a long path would be cut off.
+export const fileLabel = (path) => path.replace(/^(.*)\/([^/]*)$/, "$2 ($1)");
+
 // A number for display: about five digits.
 export function number(x) {
   if (!Number.isFinite(x)) return Number.isNaN(x) ? "NaN" : x > 0 ? "inf" : "-inf";

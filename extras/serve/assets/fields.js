@@ -128,6 +128,9 @@ function textRow(param, text, at, edit) {
 function numberRow(param, text, at, whole, edit) {
   const value = Number(text.replaceAll("_", ""));
   const { from, to } = scale(param.range, value, whole, param.unit);
+  // Every other value runs the same nodes, unless it was computed before. So this is one that the slider does not give.
+  const other = from(Math.abs(to(value) - 500) < 250 ? to(value) + 100 : 500);
+  const unseen = ron(whole ? other : value + (other - value) * 0.918273, whole);
   const name = at.length ? `${param.name} ${at[0] + 1}` : param.name;
   const slider = el("input", {
     type: "range", min: 0, max: 1000, step: "any", value: to(value), "aria-label": name, "aria-valuetext": text,
@@ -137,8 +140,7 @@ function numberRow(param, text, at, whole, edit) {
       edit.attempt(input.value, at);
     },
     onchange: () => edit.set(input.value, at),
-    // Every other value runs the same nodes.
-    ...foreseen(edit, () => ron(from(Math.abs(to(value) - 500) < 250 ? to(value) + 100 : 500), whole), at),
+    ...foreseen(edit, () => unseen, at),
     onkeydown: (event) => {
       if (event.key !== "Escape") return;
       [input.value, slider.value] = [text, to(value)];

@@ -71,6 +71,7 @@ export function Outputs(page, picture) {
     const found = values();
     if (!own || !output || (!found[output] && !page.state.running)) [output, own] = [favourite(found), own && Boolean(found[output])];
     axes();
+    written();
     const names = Object.keys(found);
     const signature = JSON.stringify([names, output]);
     if (signature !== shown) {
@@ -79,6 +80,14 @@ export function Outputs(page, picture) {
     }
     others();
     draw();
+  }
+
+  // The file to which the picture is written.
+  function written() {
+    const from = ([index, port]) => `${page.view.nodes[index].id}.${port}`;
+    const sinks = (page.view.wires ?? []).filter((wire) => from(wire) === output).map(([, , below]) => page.view.nodes[below].id);
+    const [path, file] = Object.entries(page.state.files).find(([, one]) => sinks.includes(one.id)) ?? [];
+    $("written").textContent = path ? `File: ${path}${file.preview ? " (a preview)" : ""}` : "";
   }
 
   function choose(name) {
@@ -177,17 +186,22 @@ export function Outputs(page, picture) {
 
   // The picture that the graph makes at the place along axes that is shown, with its size, for the place view.
   let made = null;
+  let asking = null;
   async function pick(changed) {
     const found = values();
     const name = favourite(found) ?? "";
     const port = name.lastIndexOf(".");
     const digest = found[`${name.slice(0, port).split("/")[0]}/${here()}${name.slice(port)}`] ?? found[name];
-    if (!digest || made?.digest === digest) return;
+    if (!digest || asking === digest || (!asking && made?.digest === digest)) return;
+    asking = digest;
     try {
       const one = (await json(`/value/${digest}`)).pictures[0];
+      // Of several answers, the last one counts, in whatever order they come.
+      if (asking !== digest) return;
       made = one ? { digest, number: 0, width: one.width, height: one.height } : null;
       changed();
     } catch { /* the next result comes */ }
+    if (asking === digest) asking = null;
   }
 
   $("output").addEventListener("change", () => choose($("output").value));
@@ -196,7 +210,7 @@ export function Outputs(page, picture) {
   $("other").addEventListener("change", () => { if (picture.mode() === 0) picture.set(1); draw(); });
 
   return {
-    update, choose, draw, layers, others, siblings, values, here, move, moved, pick, against, look, nodeOf,
+    update, written, choose, draw, layers, others, siblings, values, here, move, moved, pick, against, look, nodeOf,
     favourite: () => favourite(values()), output: () => output, made: () => made,
   };
 }

@@ -1,6 +1,6 @@
 // The page: follows the events of the watch, and connects the panes.
 import { $, clock, el, seconds, show } from "./dom.js";
-import { enter, json, listen } from "./server.js";
+import { enter, json, listen, LOST } from "./server.js";
 import { Edits } from "./edits.js";
 import { Graph, shows } from "./graph.js";
 import { Keys } from "./keys.js";
@@ -75,6 +75,8 @@ function status() {
 // ---- the graph
 
 let fetching = null;
+// Digest of a first graph, until the page shows it: its pose is then chosen.
+let started = null;
 async function refresh() {
   // One request at a time; one more if the graph changed meanwhile.
   if (fetching) { fetching.again = true; return; }
@@ -83,6 +85,7 @@ async function refresh() {
     page.view = await json("/graph");
     const { view } = page;
     edits.fetched(view.digest);
+    if (started === view.digest) [started, page.chosen] = [null, null];
     document.title = `${view.name?.split("/").pop() ?? "graph"} · lightharmony`;
     $("name").textContent = view.name ?? "lightharmony";
     if (!view.nodes?.some((node) => node.id === page.chosen)) page.chosen = view.nodes?.find((node) => node.kind === "Pose")?.id ?? view.nodes?.[0]?.id ?? null;
@@ -147,8 +150,10 @@ async function begin() {
 
 // Puts an object into a bare capture; the new graph then shows its pose.
 const start = (data) => attempt(async () => {
-  await edits.change("/start", data);
-  page.chosen = null;
+  // The new graph comes before this answer or after it.
+  started = (await edits.change("/start", data)).digest;
+  await refresh();
+  return true;
 });
 
 // Turns a bare capture, so that another of its axes points up.
@@ -188,7 +193,7 @@ function historyPane() {
   const entry = (shot) => el("li", {}, el("button", { type: "button", class: "plain", title: "Compare the picture with this result", onclick: () => { pane("picture"); outputs.against(shot); } }, `${clock(shot.seconds)} ${shot.label}`));
   show($("history"), el("h3", {}, "History"), problem && el("p", { class: "warning" }, problem),
     page.state.warnings.map((warning) => el("p", { class: "warning" }, warning)),
-    el("p", { class: "dim" }, `${undo} changes can be undone, ${redo} redone.`),
+    el("p", { class: "dim" }, `Can be undone: ${undo}, redone: ${redo}.`),
     el("ul", { class: "list" }, shots.slice(-12).toReversed().map(entry)));
   outputs.others();
   status();
@@ -208,6 +213,8 @@ function handle(event) {
       else { for (const node of page.view.nodes) graph.update(node.id, event.nodes[node.id]); outputs.update(); }
       historyPane();
       outputs.look();
+      place?.changed();
+      if (place) outputs.pick(place.pictured);
       break;
     case "graph":
       [state.mistakes, state.problem] = [event.mistakes, event.problem];
@@ -254,9 +261,12 @@ function handle(event) {
       // An output that the graph has no more is replaced only now.
       outputs.update();
       outputs.look();
+      place?.changed();
+      if (place) outputs.pick(place.pictured);
       measures.update();
       trade?.changed();
       break;
+    case "file": state.files[event.path] = event; outputs.written(); break;
     case "warning": state.warnings = [...state.warnings, event.text].slice(-20); historyPane(); break;
     default: break;
   }
@@ -309,7 +319,11 @@ if (picture.failure()) notify(picture.failure());
 
 try {
   await enter();
-  listen(handle, (now) => { connected = now; status(); });
+  listen(handle, (now) => {
+    connected = now;
+    if (now && $("notice").textContent.startsWith(LOST)) notify(null);
+    status();
+  });
 } catch (error) {
   notify(error.message);
 }

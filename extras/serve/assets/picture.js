@@ -105,15 +105,31 @@ export function Picture(report, drawn) {
 
   const focal = () => view.clientHeight / 2 / Math.tan((state.sphere.fov * Math.PI) / 360);
 
+  // The direction of a point of the pane, to the right and down for the distance 1 ahead.
+  const aside = (x, y) => [(x - view.clientWidth / 2) / focal(), (y - view.clientHeight / 2) / focal()];
+
+  // The direction in the panorama of a point of the pane: the angle about the vertical, and the part that points down.
+  function direction(x, y) {
+    const { yaw, pitch } = state.sphere;
+    const [dx, dy] = aside(x, y);
+    const [s, c] = [Math.sin(pitch), Math.cos(pitch)];
+    return [Math.atan2(dx, dy * s + c) + yaw, (dy * c - s) / Math.hypot(dx, dy, 1)];
+  }
+
+  // Turns the sphere so that a direction is under a point of the pane.
+  function turn([angle, down], x, y) {
+    const [dx, dy] = aside(x, y);
+    const pitch = Math.acos(Math.max(-1, Math.min(1, (down * Math.hypot(dx, dy, 1)) / Math.hypot(dy, 1)))) - Math.atan2(1, dy);
+    state.sphere.pitch = Math.max(-1.55, Math.min(1.55, pitch));
+    state.sphere.yaw = angle - Math.atan2(dx, dy * Math.sin(state.sphere.pitch) + Math.cos(state.sphere.pitch));
+  }
+
   // The position in picture A of a point of the pane, in pixels.
   function spot(x, y) {
     const a = sides.a;
     if (!sphere()) return [(x - state.pan[0]) / state.zoom, (y - state.pan[1]) / state.zoom];
-    const { yaw, pitch } = state.sphere;
-    const [dx, dy] = [(x - view.clientWidth / 2) / focal(), (y - view.clientHeight / 2) / focal()];
-    const [s, c, size] = [Math.sin(pitch), Math.cos(pitch), Math.hypot(dx, dy, 1)];
-    const [down, ahead] = [(dy * c - s) / size, (dy * s + c) / size];
-    const u = 0.5 + (Math.atan2(dx / size, ahead) + yaw) / (2 * Math.PI);
+    const [angle, down] = direction(x, y);
+    const u = 0.5 + angle / (2 * Math.PI);
     return [(u - Math.floor(u)) * a.width, (Math.acos(Math.max(-1, Math.min(1, -down))) / Math.PI) * a.height];
   }
 
@@ -135,6 +151,7 @@ export function Picture(report, drawn) {
     $("label-a").hidden = !sides.b || mode() === 2 || mode() > 2;
     $("label-b").hidden = !sides.b || mode() === 0 || mode() > 2;
     drawn(a);
+    readout();
     if (!gl || !a?.texture) return;
     const ratio = devicePixelRatio;
     const [width, height] = [Math.round(view.clientWidth * ratio), Math.round(view.clientHeight * ratio)];
@@ -195,11 +212,13 @@ export function Picture(report, drawn) {
     return `${side.toUpperCase()} ${values.join("  ")}`;
   }
 
-  function readout(event) {
+  // Where the pointer is on the screen; null outside of the pane.
+  let pointed = null;
+  function readout() {
     const a = sides.a;
-    if (!a) return;
+    if (!a || !pointed) { $("pixel").textContent = ""; return; }
     const box = view.getBoundingClientRect();
-    const [x, y] = spot(event.clientX - box.left, event.clientY - box.top);
+    const [x, y] = spot(pointed[0] - box.left, pointed[1] - box.top);
     const inside = x >= 0 && y >= 0 && x < a.width && y < a.height;
     const [u, v] = [x / a.width, y / a.height];
     const differs = inside && flip ? `FLIP ${number(flip.samples[Math.floor(y) * flip.width + Math.floor(x)])}` : "";
@@ -238,25 +257,28 @@ export function Picture(report, drawn) {
   let drag = null;
   view.addEventListener("pointerdown", (event) => {
     if (event.target.closest("#report")) return;
-    drag = { split: event.target === $("split"), x: event.clientX, y: event.clientY, pan: [...state.pan], ball: { ...state.sphere } };
+    const box = view.getBoundingClientRect();
+    const grabbed = sphere() && direction(event.clientX - box.left, event.clientY - box.top);
+    drag = { split: event.target === $("split"), x: event.clientX, y: event.clientY, pan: [...state.pan], grabbed };
     view.setPointerCapture(event.pointerId);
   });
   view.addEventListener("pointermove", (event) => {
-    readout(event);
+    pointed = [event.clientX, event.clientY];
+    readout();
     if (!drag) return;
+    const box = view.getBoundingClientRect();
     if (drag.split) {
-      const box = view.getBoundingClientRect();
       slide((event.clientX - box.left) / box.width);
-    } else if (sphere()) {
+    } else if (sphere() && drag.grabbed) {
       // What is under the pointer follows it.
-      state.sphere.yaw = drag.ball.yaw - (event.clientX - drag.x) / focal();
-      state.sphere.pitch = Math.max(-1.55, Math.min(1.55, drag.ball.pitch + (event.clientY - drag.y) / focal()));
+      turn(drag.grabbed, event.clientX - box.left, event.clientY - box.top);
     } else {
       state.pan = [drag.pan[0] + event.clientX - drag.x, drag.pan[1] + event.clientY - drag.y];
       state.fitted = false;
     }
     redraw();
   });
+  view.addEventListener("pointerleave", () => { pointed = null; readout(); });
   for (const end of ["pointerup", "pointercancel"]) view.addEventListener(end, () => { drag = null; });
   view.addEventListener("wheel", (event) => {
     if (event.target.closest("#report")) return;

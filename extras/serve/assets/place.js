@@ -28,7 +28,7 @@ export function Place(page) {
   }
   const lines = Lines($("lines"));
   const redraw = framed(draw);
-  const stage = Stage({ page, solid, redraw, arrived: () => { starter.draw(); adder.draw(); }, settled: () => gaze.follow() });
+  const stage = Stage({ page, solid, redraw, arrived: () => { starter.draw(); adder.draw(); }, settled: () => { gaze.follow(); starter.greet(); } });
   const things = Things(stage);
   const gaze = Gaze(stage, things, coarse);
   const pointer = Pointer(stage, things, gaze, lines, coarse);
@@ -126,7 +126,7 @@ export function Place(page) {
       if (sizes.get(one.id) <= FEW_CAMERAS || isHot) lines.camera(one, index, Math.min(0.12 * radius, 0.15 * away), one.kind === "Camera");
       else if (!through) lines.spot(one, index);
     });
-    scene.probes.forEach((one) => lines.probe(one, 0.04 * radius));
+    scene.probes.forEach((one) => lines.probe(one, Math.min(0.04 * radius, 0.03 * distance(one.eye, view.eye))));
     lines.mark(stage.spot);
     lines.ruler(stage.ruler, stage.ruler.length === 2 ? `${number(distance(...stage.ruler) * scene.metres_per_unit)} m` : "");
     if (scene.objects.length > 1) scene.objects.forEach((one, index) => { if (index !== stage.selected) lines.tag(one.node, index, things.foot(one, stage.matrix(one))); });
@@ -180,6 +180,8 @@ export function Place(page) {
   $("place-drop").addEventListener("click", things.drop);
   $("place-set").addEventListener("click", gaze.set);
   $("place-all").addEventListener("click", gaze.above);
+  // The folders may have other objects when the user comes back to the page.
+  window.addEventListener("focus", changed);
   new ResizeObserver(redraw).observe(box);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
   $("solid").addEventListener("webglcontextlost", (event) => { event.preventDefault(); stage.note("The graphics driver stopped; open the page again."); });

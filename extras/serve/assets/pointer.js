@@ -187,6 +187,9 @@ export function Pointer(stage, things, gaze, lines, moving) {
     if (tool) box.focus({ preventScroll: true });
     redraw();
     for (const id of ["place-click", "place-measure"]) $(id).setAttribute("aria-pressed", "false");
+    // The panels would cover the place that is to be clicked.
+    box.classList.toggle("aiming", Boolean(tool));
+    for (const id of ["start-click", "add-click"]) if ($(id)) $(id).textContent = tool ? "Cancel" : "Click the floor";
     note(tool ? words : "");
     box.style.cursor = tool ? "crosshair" : "grab";
   }

@@ -8,8 +8,12 @@ export class Refused extends Error {
   }
 }
 
+// The message when there was no answer; the page removes it when the connection is back.
+export const LOST = "The program did not answer. If `lightharmony watch --serve` was stopped, start it again; the page then goes on.";
+
 function reason(body) {
   switch (body.code) {
+    case "lost": return LOST;
     case "stale": return "Another program saved the graph in the meantime. Nothing was overwritten; the page now shows the new text.";
     case "confined": return "This graph belongs to an unpacked bundle, whose files are never written. Copy it into a folder of your own to edit it.";
     case "nothing": return "There is nothing to undo or redo.";
@@ -18,7 +22,9 @@ function reason(body) {
   }
 }
 
-async function checked(response) {
+async function asked(path, init) {
+  let response;
+  try { response = await fetch(path, init); } catch { throw new Refused(0, { code: "lost" }); }
   if (response.ok) return response;
   let body = {};
   try { body = await response.json(); } catch { /* no reason was given */ }
@@ -27,12 +33,11 @@ async function checked(response) {
 
 export async function post(path, data) {
   const headers = { "Content-Type": "application/json", "X-Lightharmony": "1" };
-  const response = await fetch(path, { method: "POST", headers, body: JSON.stringify(data) });
-  return (await checked(response)).json();
+  return (await asked(path, { method: "POST", headers, body: JSON.stringify(data) })).json();
 }
 
-export const json = async (path) => (await checked(await fetch(path))).json();
-export const bytes = async (path) => (await checked(await fetch(path))).arrayBuffer();
+export const json = async (path) => (await asked(path)).json();
+export const bytes = async (path) => (await asked(path)).arrayBuffer();
 
 // Exchanges the token in the fragment for a cookie, and removes it from the address.
 export async function enter() {

@@ -1,5 +1,5 @@
 // The panel that puts an object into a bare capture.
-import { $, el, number, show } from "./dom.js";
+import { $, el, fileLabel, number, show } from "./dom.js";
 import { scaleText } from "./fields.js";
 import { add, dot, mul, sub } from "./space.js";
 
@@ -8,6 +8,8 @@ export function Starter(stage, things, pointer) {
   let shown = "";
   // The object that was chosen in the list.
   let wanted = "";
+  // True from the writing of the first graph until its object is shown.
+  let fresh = false;
 
   function draw() {
     const { start, metres_per_unit: scale } = stage.scene;
@@ -17,7 +19,7 @@ export function Starter(stage, things, pointer) {
     $("start").hidden = !start;
     if (!start) return;
     const { proposals, objects, up, axes } = start;
-    const list = el("select", { id: "start-object", "aria-label": "Object" }, objects.map((name) => el("option", { value: name, selected: name === wanted }, name)));
+    const list = el("select", { id: "start-object", "aria-label": "Object" }, objects.map((name) => el("option", { value: name, selected: name === wanted }, fileLabel(name))));
     list.addEventListener("change", () => { wanted = list.value; });
     const option = (axis) => el("option", { value: axis, selected: axis === up }, axis);
     const turn = el("select", { id: "start-up", onchange: () => turned(turn.value) },
@@ -25,9 +27,9 @@ export function Starter(stage, things, pointer) {
     const metres = el("input", { id: "start-scale", type: "text", inputmode: "decimal", value: number(scale), spellcheck: "false", onchange: () => scaled(metres.value) });
     const focus = document.activeElement?.closest?.("#start")?.querySelector(":focus")?.id;
     show($("start"), el("h3", {}, "Put an object into the place"),
-      objects.length ? el("p", {}, list, " ", el("button", { id: "start-click", type: "button", onclick: stand }, "Click the floor"))
-        : el("p", {}, "There is no .glb or .gltf file in the folder of the graph or of the capture. Copy one there, and open this page again."),
-      el("p", { class: "dim" }, "The camera of the picture will be where you look from."),
+      objects.length ? el("p", { class: "tool" }, list, el("button", { id: "start-click", type: "button", onclick: stand }, "Click the floor"))
+        : el("p", {}, "There is no .glb or .gltf file in the folder of the graph or of the capture. Copy one there, and come back to this page."),
+      el("p", { class: "dim" }, "Drag to turn the view, with the right button to pan; wheel: nearer. The picture shows the place as you look at it now."),
       el("p", {}, el("label", { title: "If the place is tilted or upside down, choose another axis of the file" }, "Up ", turn), " ",
         el("label", { title: "Metres per unit of the file. Measure something whose length you know, or type the number" }, "Scale ", metres, " m per unit")),
       el("dl", {}, proposals.map(({ what, value }) => [el("dt", {}, what), el("dd", {}, value)]).flat()));
@@ -75,12 +77,27 @@ export function Starter(stage, things, pointer) {
     const forward = view.axes()[2];
     // The point in the middle of the picture, at the distance of the object.
     const target = add(view.eye, mul(forward, Math.max(1e-3 * stage.radius, dot(sub(found.position, view.eye), forward))));
-    await page.start({ object, stand: { place: found.position, eye: rounded(view.eye), target: rounded(target), fov_y_deg: Number(fov.toFixed(2)) } });
+    const good = await page.start({ object, stand: { place: found.position, eye: rounded(view.eye), target: rounded(target), fov_y_deg: Number(fov.toFixed(2)) } });
     note("");
+    fresh = good !== null;
     stage.spot = null;
     stage.follow = view.camera;
     stage.load();
   }
 
-  return { draw };
+  // What can be done with the object, when it is there for the first time.
+  function greet() {
+    const one = stage.object();
+    if (!fresh || !one || !stage.bounds(one)) return;
+    fresh = false;
+    const { view } = stage;
+    const [left, top, width, height] = view.rectangle();
+    const [low, high] = things.corners(one, stage.matrix(one));
+    const corners = Array.from({ length: 8 }, (_, i) => view.project([0, 1, 2].map((k) => ((i >> k) & 1 ? high : low)[k])));
+    const inside = corners.every((at) => at && at[0] > left && at[0] < left + width && at[1] > top && at[1] < top + height);
+    note(inside ? "Drag the object to move it, the ring to turn it, the white square to scale it. The picture in the corner follows."
+      : "The object reaches beyond the picture. Drag the white square to scale it, or the arrows to move it; or move the view and press Set camera.");
+  }
+
+  return { draw, greet };
 }

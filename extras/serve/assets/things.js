@@ -168,10 +168,11 @@ export function Things(stage) {
     return true;
   }
 
-  // Shows what a move of the selected object would run, before it is made.
+  // Shows what a move of the selected object would run, before it is made. Steps by keys do not give this move, so it was
+  // not computed before.
   function foresee() {
     const one = stage.object();
-    if (one && !fixed(one)) page.plan(editOf(grab(one), { way: mul(stage.scene.right, 0.01 * stage.metre()) }));
+    if (one && !fixed(one)) page.plan(editOf(grab(one), { way: mul(stage.scene.right, 0.0137 * stage.metre()) }));
   }
 
   // The line that says where the selected object stands.

@@ -7,11 +7,35 @@ use crate::surface::Surface;
 
 /// Maximum factor by which the standard deviations of a splat are multiplied.
 const MOST_LARGER: f32 = 4.0;
+/// Part of the median distance from the middle of the capture within which splats count alike.
+const NEAR: f64 = 0.25;
 
-/// The visible weight of a splat: its opacity times the area of its largest cross-section.
-fn weight(splats: &Splats, index: usize) -> f64 {
-    let [a, b, c] = splats.scales[index].map(f64::from);
-    f64::from(splats.opacities[index]) * (a * b).max(b * c).max(c * a)
+/// The middle of a capture, as the median of each coordinate, and the median distance from it.
+fn middle(splats: &Splats) -> (DVec3, f64) {
+    let means: Vec<DVec3> = (0..splats.len()).map(|index| splats.mean(index)).collect();
+    let median = |mut values: Vec<f64>| {
+        let at = values.len() / 2;
+        *values.select_nth_unstable_by(at, f64::total_cmp).1
+    };
+    let centre =
+        DVec3::from_array([0, 1, 2].map(|axis| median(means.iter().map(|mean| mean[axis]).collect())));
+    (centre, median(means.iter().map(|mean| mean.distance(centre)).collect()))
+}
+
+/// The weight of each splat: its opacity times the square root of the solid angle of its largest cross-section, as
+/// seen from the middle of the capture. With the area instead, the large splats of the surroundings would leave few
+/// splats for the ground on which objects stand; with the opacity alone, the surroundings would dissolve.
+fn weights(splats: &Splats) -> Vec<f64> {
+    let (centre, radius) = middle(splats);
+    // Splats that are nearer to the middle than this count alike.
+    let near = if radius > 0.0 { NEAR * radius } else { 1.0 };
+    let weight = |index: usize| {
+        let [a, b, c] = splats.scales[index].map(f64::from);
+        let area = (a * b).max(b * c).max(c * a);
+        let away = (splats.mean(index).distance_squared(centre) + near * near).sqrt();
+        f64::from(splats.opacities[index]) * area.sqrt() / away
+    };
+    (0..splats.len()).map(weight).collect()
 }
 
 /// Chooses about `most` splats. Returns the index of each, and the factor for its standard deviations. A splat is
@@ -23,7 +47,7 @@ pub fn sampled(splats: &Splats, most: usize) -> Vec<(usize, f32)> {
     if count <= most {
         return (0..count).map(|index| (index, 1.0)).collect();
     }
-    let weights: Vec<f64> = (0..count).map(|index| weight(splats, index)).collect();
+    let weights = weights(splats);
     let scale = scale(&weights, most);
     let (mut sum, mut chosen) = (0.5, Vec::with_capacity(most + 1));
     for (index, weight) in weights.iter().enumerate() {
@@ -101,12 +125,17 @@ fn merged(surface: &Surface, low: DVec3, per_unit: f64) -> Surface {
 mod tests {
     use super::*;
 
-    fn scene(sizes: &[f32]) -> Splats {
-        let n = sizes.len();
+    /// Splats at the distance 5 from the origin in four directions, as (size, additional distance).
+    fn ring(splats: &[(f32, f32)]) -> Splats {
+        let n = splats.len();
+        let at = |(i, (_, out)): (usize, &(f32, f32))| {
+            let away = 5.0 + out;
+            [[away, 0.0, 0.0], [-away, 0.0, 0.0], [0.0, away, 0.0], [0.0, -away, 0.0]][i % 4]
+        };
         Splats {
-            means: (0..n).map(|i| [i as f32, 0.0, 0.0]).collect(),
+            means: splats.iter().enumerate().map(at).collect(),
             quats: vec![[1.0, 0.0, 0.0, 0.0]; n],
-            scales: sizes.iter().map(|&size| [size; 3]).collect(),
+            scales: splats.iter().map(|&(size, _)| [size; 3]).collect(),
             opacities: vec![0.5; n],
             sh: vec![[0.0; 3]; n],
             ..Splats::empty()
@@ -117,7 +146,7 @@ mod tests {
     #[test]
     fn fewer_splats_cover_the_same_area() {
         let sizes: Vec<f32> = (0..10_000).map(|i| if i % 100 == 0 { 1.0 } else { 0.05 }).collect();
-        let capture = scene(&sizes);
+        let capture = ring(&sizes.iter().map(|&size| (size, 0.0)).collect::<Vec<_>>());
         let chosen = sampled(&capture, 1_000);
         assert!((990..=1_000).contains(&chosen.len()), "{}", chosen.len());
         let large = chosen.iter().filter(|(index, _)| index % 100 == 0);
@@ -127,7 +156,18 @@ mod tests {
             (sizes.iter().map(|s| s * s).sum::<f32>(), chosen.iter().map(area).sum::<f32>());
         assert!((after / before - 1.0).abs() < 0.02, "{before} {after}");
         assert_eq!(sampled(&capture, 10_000).len(), 10_000);
-        assert!(sampled(&scene(&[0.0; 8]), 4).is_empty(), "splats without area are not seen");
+        assert!(sampled(&ring(&[(0.0, 0.0); 8]), 4).is_empty(), "splats without area are not seen");
+    }
+
+    /// This test fails if the weight is the area.
+    #[test]
+    fn the_middle_of_a_capture_keeps_its_detail() {
+        // 9,000 small splats, and 1,000 large ones far away, which seen from the middle are as large.
+        let all: Vec<(f32, f32)> =
+            (0..10_000).map(|i| if i * 617 % 1009 < 101 { (1.0, 95.0) } else { (0.05, 0.0) }).collect();
+        let chosen = sampled(&ring(&all), 2_000);
+        let small = chosen.iter().filter(|(index, _)| all[*index].0 < 1.0).count();
+        assert!((1_700..=1_900).contains(&small), "{small} of {}", chosen.len());
     }
 
     #[test]
