@@ -203,7 +203,7 @@ const LEAST_BLUR: f64 = 0.1;
 
 impl Kind for Composite {
     const NAME: &'static str = "composite";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     type Params = Self;
     type In = In;
     type Out = Out;
@@ -264,7 +264,9 @@ impl Kind for Composite {
             if params.sharpness != Sharpness::Keep {
                 let blur = match params.sharpness {
                     Sharpness::Match => {
-                        sharpness::of_background(&background, &object, cx)?.map_or(0.0, sharpness::missing)
+                        let grain = grain::of_background(&background, &object, cx)?;
+                        let found = sharpness::of_background(&background, &object, grain, cx)?;
+                        found.map_or(0.0, sharpness::missing)
                     }
                     _ => params.blur_px,
                 };
