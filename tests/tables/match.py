@@ -118,7 +118,7 @@ def main():
             backgrounds[name] = np.where(codes <= 0.04045, codes / 12.92, ((codes + 0.055) / 1.055) ** 2.4)
         for name, plate in backgrounds.items():
             if plate is not None:
-                OpenEXR.File({}, {"RGB": plate.astype(np.float32)}).write(os.path.join(args.work, "plate.exr"))
+                OpenEXR.File({}, {"RGB": np.ascontiguousarray(plate, np.float32)}).write(os.path.join(args.work, "plate.exr"))
             for what, composite in (("as rendered", "sharpness: Keep"), ("matched", "sharpness: Match, grain: Match")):
                 out = f"{place}-{name}-{what}".replace(" ", "-")
                 layers = run(args, place, "view" if plate is None else "plate", composite, out)
