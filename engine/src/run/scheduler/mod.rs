@@ -5,6 +5,7 @@
 //! looked up in the store. On a miss, its input values are loaded (see `supply`) and its code is queued. No
 //! function recurses over the graph.
 
+mod away;
 mod begin;
 mod failure;
 mod launch;
@@ -21,6 +22,7 @@ use std::time::{Duration, Instant};
 
 use crate::graph::graph::Graph;
 use crate::graph::node::Wire;
+use crate::run::away::Away;
 use crate::run::claims::Claims;
 use crate::run::engine::Engine;
 use crate::run::event::{Event, Totals};
@@ -52,10 +54,21 @@ enum Task {
     Files(usize),
 }
 
+/// The threads that do a piece of work.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Pool {
+    /// The code of a node.
+    Code,
+    /// Other work on this machine, such as loading a value.
+    Other,
+    /// Waiting for a worker that computes a node. These threads do not compute.
+    Away,
+}
+
 /// Work for a node that has not been passed to a thread yet.
 struct Unstarted<'a> {
     node: usize,
-    is_code: bool,
+    pool: Pool,
     work: Work<'a>,
 }
 
@@ -73,6 +86,8 @@ pub(crate) struct Run<'a> {
     unstarted: Vec<Unstarted<'a>>,
     /// The nodes whose code is to run.
     queue: Queue,
+    /// The nodes that workers compute.
+    away: Away,
     /// Memory taken by values and reserved for running code.
     memory: Memory,
     /// Keys of this run.
@@ -108,18 +123,23 @@ impl<'a> Run<'a> {
         }
         let jobs = self.engine.limits().jobs;
         let workers = Workers::new(self.engine.threads(), Queue::most(jobs) + jobs);
+        let terms = self.engine.workers.as_deref().and_then(|workers| workers.terms());
+        let away = Workers::new(self.engine.threads(), terms.map_or(1, |terms| terms.in_flight.max(1)));
         std::thread::scope(|scope| {
-            let _closing = workers.closing();
-            self.coordinate(scope, &workers, receiver);
+            let _closing = (workers.closing(), away.closing());
+            self.coordinate(scope, &workers, &away, receiver);
         });
     }
 
     /// Marks a node as failed because no thread could be started for it.
-    fn without_thread(&mut self, node: usize, is_code: bool, error: &std::io::Error) {
+    fn without_thread(&mut self, node: usize, pool: Pool, error: &std::io::Error) {
         let error =
             NodeError::new(format!("cannot start a thread: {error}")).hint("use fewer threads with `--jobs`");
         self.count_message(node);
-        if is_code {
+        if pool == Pool::Away {
+            self.away.end(node);
+        }
+        if pool == Pool::Code {
             self.end_running(node);
             self.slots[node].storing = false;
         }
@@ -137,9 +157,10 @@ impl<'a> Run<'a> {
                 Some(Task::Gather(node)) => self.gather(node),
                 Some(Task::Bring(wire)) => self.bring(wire),
                 Some(Task::Files(node)) => self.place_files(node),
-                // Both may fail nodes, which adds tasks.
+                // All of these may add tasks.
                 None => {
                     self.unpark();
+                    self.dispatch();
                     self.supply();
                     self.launch();
                     if self.todo.is_empty() {
@@ -152,16 +173,14 @@ impl<'a> Run<'a> {
 
     /// Passes work for a node to a thread, which sends a message at the end of the work.
     pub fn send(&mut self, node: usize, act: impl FnOnce() + Send + 'a) {
-        self.owed += 1;
-        self.slots[node].owed += 1;
-        self.unstarted.push(Unstarted { node, is_code: false, work: Box::new(act) });
+        self.send_to(Pool::Other, node, act);
     }
 
-    /// Passes the code of a node to a thread.
-    pub fn send_code(&mut self, node: usize, act: impl FnOnce() + Send + 'a) {
+    /// Passes work for a node to a thread of a pool.
+    fn send_to(&mut self, pool: Pool, node: usize, act: impl FnOnce() + Send + 'a) {
         self.owed += 1;
         self.slots[node].owed += 1;
-        self.unstarted.push(Unstarted { node, is_code: true, work: Box::new(act) });
+        self.unstarted.push(Unstarted { node, pool, work: Box::new(act) });
     }
 
     /// Schedules until no work is left, or until the run is cancelled and the threads are idle.
@@ -169,6 +188,7 @@ impl<'a> Run<'a> {
         &mut self,
         scope: &'s std::thread::Scope<'s, '_>,
         workers: &'s Workers<'a>,
+        away: &'s Workers<'a>,
         receiver: &Receiver<Message>,
     ) {
         let mut renewed = Instant::now();
@@ -178,12 +198,13 @@ impl<'a> Run<'a> {
                 renewed = Instant::now();
             }
             self.decide();
-            for Unstarted { node, is_code, work } in std::mem::take(&mut self.unstarted) {
-                if let Err(error) = workers.hand(scope, is_code, work) {
-                    self.without_thread(node, is_code, &error);
+            for Unstarted { node, pool, work } in std::mem::take(&mut self.unstarted) {
+                let threads = if pool == Pool::Away { away } else { workers };
+                if let Err(error) = threads.hand(scope, pool == Pool::Code, work) {
+                    self.without_thread(node, pool, &error);
                 }
             }
-            let idle = self.todo.is_empty() && self.queue.nothing_waits();
+            let idle = self.todo.is_empty() && self.queue.nothing_waits() && self.away.nothing_waits();
             if self.owed == 0 && (self.stopped() || idle) {
                 return;
             }
@@ -203,6 +224,7 @@ impl<'a> Run<'a> {
     /// Checks that all counters agree with the slots.
     fn check(&self) {
         self.queue.check(&self.slots);
+        self.away.check(&self.slots);
         self.memory.check(self.graph, &self.slots);
         self.known.check(&self.slots);
         assert_eq!(self.owed, self.slots.iter().map(|slot| slot.owed).sum::<usize>(), "messages owed");
@@ -238,6 +260,10 @@ impl<'a> Run<'a> {
             Message::Asked { node, found } => {
                 self.count_message(node);
                 self.asked(node, found);
+            }
+            Message::Worked { node, work } => {
+                self.count_message(node);
+                self.worked(node, work);
             }
             Message::Loaded { node, port, value } => {
                 self.count_message(node);
