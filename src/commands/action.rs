@@ -126,7 +126,9 @@ impl Run {
                 if self.json {
                     let mut object = serde_json::json!({"event": "failed", "message": error.to_string()});
                     match &error {
-                        ActionError::Failed { error, .. } => object["hint"] = serde_json::json!(error.advice()),
+                        ActionError::Failed { error, .. } => {
+                            object["hint"] = serde_json::json!(error.advice())
+                        }
                         ActionError::Memory { needs, .. } => object["needs"] = serde_json::json!(needs),
                         _ => {}
                     }

@@ -72,7 +72,8 @@ impl Progress {
     /// Records that the code of a node starts.
     pub fn start(&mut self, id: &str, forecast: Option<f64>, now: f64) {
         self.not_waiting(id, forecast);
-        self.running.insert(id.to_owned(), Running { begin: now, forecast, fraction: 0.0, stage: String::new() });
+        self.running
+            .insert(id.to_owned(), Running { begin: now, forecast, fraction: 0.0, stage: String::new() });
     }
 
     /// Records the stage of a node that a worker computes.

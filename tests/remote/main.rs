@@ -181,7 +181,8 @@ fn a_server_computes_nodes() {
     let executed = traffic(&log)["executed"].as_u64().unwrap();
     assert!(executed >= 4 && warnings(&log).is_empty(), "{} {:?}", traffic(&log), warnings(&log));
     let at = |stage: &str, node: &str| {
-        let is_it = |event: &&Value| event["event"] == "stage" && event["stage"] == stage && event["id"] == node;
+        let is_it =
+            |event: &&Value| event["event"] == "stage" && event["stage"] == stage && event["id"] == node;
         log.events.iter().any(|event| is_it(&event))
     };
     assert!(at("sending", "trace") && at("queued", "trace") && !at("queued", "camera"));

@@ -135,7 +135,11 @@ impl Kind for Miscount {
 
 /// The table of kinds of a worker that computes wrong values.
 pub fn lying_registry() -> Registry {
-    Registry::new(vec![KindEntry::of::<Miscount>(), KindEntry::of::<Triple>(), KindEntry::of::<WriteNumbers>()])
+    Registry::new(vec![
+        KindEntry::of::<Miscount>(),
+        KindEntry::of::<Triple>(),
+        KindEntry::of::<WriteNumbers>(),
+    ])
 }
 
 /// The table of kinds.

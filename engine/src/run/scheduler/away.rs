@@ -149,8 +149,12 @@ impl Run<'_> {
                 };
                 stored.or_else(|| values.get(digest).map(encode))
             };
-            let outputs: Vec<String> =
-                graph.nodes[index].kind.outputs.iter().map(|port| format!("{VALUES}/{}", port.name)).collect();
+            let outputs: Vec<String> = graph.nodes[index]
+                .kind
+                .outputs
+                .iter()
+                .map(|port| format!("{VALUES}/{}", port.name))
+                .collect();
             let request = WorkRequest {
                 key,
                 files: &files,
@@ -180,7 +184,9 @@ impl Run<'_> {
             return;
         }
         match work {
-            Ok(Work::Done { entry, worker }) if !self.away.is_distrusted() => self.accept(index, &entry, worker),
+            Ok(Work::Done { entry, worker }) if !self.away.is_distrusted() => {
+                self.accept(index, &entry, worker)
+            }
             Ok(Work::Failed { message, hint }) => {
                 let error = NodeError::new(message);
                 let error = hint.into_iter().fold(error, |error, hint| error.hint(hint));
@@ -190,7 +196,9 @@ impl Run<'_> {
                 self.slots[index].attempts += 1;
                 self.away.list(self.queue.place(index), &mut self.slots[index]);
             }
-            Ok(Work::Done { .. } | Work::Missing | Work::Refused) => self.queue.make_ready(index, &mut self.slots[index]),
+            Ok(Work::Done { .. } | Work::Missing | Work::Refused) => {
+                self.queue.make_ready(index, &mut self.slots[index])
+            }
             Err(error) => self.fail(index, &error),
         }
     }
@@ -200,10 +208,8 @@ impl Run<'_> {
         let (node, store) = (&self.graph.nodes[index], &self.engine.store);
         let record = Record::decode(&entry.record, node).ok();
         let Some(record) = record.filter(|record| record.outputs.iter().all(|output| output.stored)) else {
-            let text = format!(
-                "the result of `{}` from {worker} is not valid; the node is computed here",
-                node.id
-            );
+            let text =
+                format!("the result of `{}` from {worker} is not valid; the node is computed here", node.id);
             (self.emit)(Event::Warning { id: "remote-invalid", text });
             return self.queue.make_ready(index, &mut self.slots[index]);
         };
@@ -237,9 +243,8 @@ impl Run<'_> {
     pub(super) fn compare(&mut self, index: usize, ours: &Record) -> Result<(), NodeError> {
         let Some(check) = self.slots[index].check.take() else { return Ok(()) };
         let (theirs, worker) = *check;
-        let digests = |record: &Record| -> Vec<Digest> {
-            record.outputs.iter().map(|output| output.digest).collect()
-        };
+        let digests =
+            |record: &Record| -> Vec<Digest> { record.outputs.iter().map(|output| output.digest).collect() };
         if digests(&theirs) == digests(ours) && theirs.files == ours.files && theirs.notes == ours.notes {
             return Ok(());
         }

@@ -32,7 +32,10 @@ const SHOWN: usize = 300;
 
 /// The reason why a command ended with `code`.
 pub(crate) fn failure(code: i32, out: &str, err: &str) -> Failure {
-    let line = out.lines().rev().find_map(|line| serde_json::from_str::<Line>(line).ok().filter(|line| line.event == "failed"));
+    let line = out
+        .lines()
+        .rev()
+        .find_map(|line| serde_json::from_str::<Line>(line).ok().filter(|line| line.event == "failed"));
     match (code, line) {
         (KILLED, _) => Failure::Memory(None),
         (1, Some(Line { needs: Some(needs), .. })) => Failure::Memory(Some(needs)),

@@ -28,9 +28,11 @@ mod shared_cache;
 mod tests;
 mod tree;
 mod work_action;
+mod worker_options;
 
 pub use address::{Address, AddressError};
 pub use call_error::CallError;
 pub use retry::Retry;
-pub use server_workers::{ServerWorkers, WorkerOptions, WorkerProgram};
+pub use server_workers::ServerWorkers;
 pub use shared_cache::{SharedCache, SharedCacheOptions, Traffic};
+pub use worker_options::{WorkerOptions, WorkerProgram};

@@ -43,7 +43,8 @@ impl Server {
         cancel: &AtomicBool,
     ) -> Result<Result<Outputs, String>, CallError> {
         #[allow(deprecated, reason = "servers for the first versions of the protocol use these fields")]
-        let links = [&result.output_symlinks, &result.output_file_symlinks, &result.output_directory_symlinks];
+        let links =
+            [&result.output_symlinks, &result.output_file_symlinks, &result.output_directory_symlinks];
         if let Some(link) = links.into_iter().flatten().next() {
             return Ok(Err(format!("the output `{}` is a link", link.path)));
         }

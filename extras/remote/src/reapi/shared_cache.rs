@@ -178,12 +178,7 @@ impl SharedCache {
     }
 
     /// Stores a result whose values are on the server, if this client stores results.
-    pub(super) fn publish_entry(
-        &self,
-        entry: &Entry,
-        places: &[(Digest, api::Digest)],
-        cancel: &AtomicBool,
-    ) {
+    pub(super) fn publish_entry(&self, entry: &Entry, places: &[(Digest, api::Digest)], cancel: &AtomicBool) {
         let Some(key) = self.publishes() else { return };
         match self.server.store_entry(&entry.key, &signed::seal(entry, key), places, cancel) {
             Ok(sent) => self.count(|traffic| {

@@ -15,8 +15,9 @@ use prost::Message;
 use super::blobs::Upload;
 use super::call_error::CallError;
 use super::outputs;
-use super::server_workers::{ServerWorkers, WorkerProgram, timed};
+use super::server_workers::{ServerWorkers, timed};
 use super::tree::Folder;
+use super::worker_options::WorkerProgram;
 
 /// Name of the program in the input folder. It is not in a folder of its own, since in the sandboxes of some servers the
 /// input folder is `/`, with folders such as `bin` of the worker in it.
@@ -93,8 +94,11 @@ impl WorkAction {
         let mut blobs = Vec::new();
         let root = folder.digest(function, &mut blobs);
         let platform = platform(workers, memory);
-        let mut paths: Vec<String> =
-            [request.entry].into_iter().chain(request.values.iter().map(String::as_str)).map(outputs::path).collect();
+        let mut paths: Vec<String> = [request.entry]
+            .into_iter()
+            .chain(request.values.iter().map(String::as_str))
+            .map(outputs::path)
+            .collect();
         paths.sort();
         #[allow(deprecated, reason = "servers for the first versions of the protocol use this field")]
         let command = api::Command {

@@ -37,7 +37,12 @@ fn a_program_that_misbehaves_costs_one_warning() {
         let options = WorkerOptions { timeout: Some(Duration::from_secs(limit)), ..script(&client, text) };
         let ran = client.send(&server.address(), options);
         assert_eq!(ran.written.as_deref(), Some(WRITTEN), "{text}");
-        assert_eq!((ran.ids(), ran.traffic.executed), (vec![id, "remote-stopped"], 0), "{text}: {:?}", ran.warnings);
+        assert_eq!(
+            (ran.ids(), ran.traffic.executed),
+            (vec![id, "remote-stopped"], 0),
+            "{text}: {:?}",
+            ran.warnings
+        );
     }
 }
 
@@ -70,5 +75,10 @@ fn a_server_that_is_killed_costs_one_warning() {
             server.kill();
         }
     });
-    assert_eq!((ran.written.as_deref(), ran.ids()), (Some(WRITTEN), vec!["remote-lost"]), "{:?}", ran.warnings);
+    assert_eq!(
+        (ran.written.as_deref(), ran.ids()),
+        (Some(WRITTEN), vec!["remote-lost"]),
+        "{:?}",
+        ran.warnings
+    );
 }

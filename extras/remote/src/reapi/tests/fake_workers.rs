@@ -148,7 +148,11 @@ fn spoil(script: &mut Script, result: &mut api::ActionResult, fault: &Fault) {
     match fault {
         Fault::Link => {
             let file = files.pop().expect("a file");
-            let link = api::OutputSymlink { path: file.path, target: "/etc/passwd".to_owned(), ..Default::default() };
+            let link = api::OutputSymlink {
+                path: file.path,
+                target: "/etc/passwd".to_owned(),
+                ..Default::default()
+            };
             result.output_symlinks.push(link);
         }
         Fault::Folder => {
@@ -164,7 +168,9 @@ fn spoil(script: &mut Script, result: &mut api::ActionResult, fault: &Fault) {
             let last = files.last_mut().and_then(|file| file.digest.as_mut()).expect("a digest");
             last.size_bytes += 1;
         }
-        Fault::Damaged => files.iter().filter(|file| file.path != "out/entry").for_each(|file| change(script, file)),
+        Fault::Damaged => {
+            files.iter().filter(|file| file.path != "out/entry").for_each(|file| change(script, file))
+        }
         Fault::DamagedEntry => {
             files.iter().filter(|file| file.path == "out/entry").for_each(|file| change(script, file));
         }
@@ -186,7 +192,11 @@ impl Execution for Service {
         let mut operations: Vec<Result<Operation, Status>> =
             stages.into_iter().map(|stage| Ok(running(&name, stage))).collect();
         let digest = request.action_digest.unwrap_or_default();
-        let status = |code: Code| rpc::Status { code: code as i32, message: "as planned".to_owned(), details: Vec::new() };
+        let status = |code: Code| rpc::Status {
+            code: code as i32,
+            message: "as planned".to_owned(),
+            details: Vec::new(),
+        };
         let mut response = api::ExecuteResponse { status: Some(status(Code::Ok)), ..Default::default() };
         match &fault {
             Some(Fault::Call(code)) => return Err(Status::new(*code, "as planned")),
@@ -198,7 +208,8 @@ impl Execution for Service {
             }
             Some(Fault::Endless) => {
                 drop(script);
-                let endless = tokio_stream::StreamExt::chain(tokio_stream::iter(operations), tokio_stream::pending());
+                let endless =
+                    tokio_stream::StreamExt::chain(tokio_stream::iter(operations), tokio_stream::pending());
                 return Ok(Response::new(Box::pin(endless)));
             }
             _ => {
@@ -241,7 +252,10 @@ impl Execution for Service {
 
 #[tonic::async_trait]
 impl Operations for Service {
-    async fn list_operations(&self, _request: Request<ListOperationsRequest>) -> Answer<ListOperationsResponse> {
+    async fn list_operations(
+        &self,
+        _request: Request<ListOperationsRequest>,
+    ) -> Answer<ListOperationsResponse> {
         Err(Status::unimplemented("not needed"))
     }
 

@@ -14,3 +14,4 @@ mod fake;
 mod fake_workers;
 mod faults;
 mod sharing;
+mod worker_failures;
