@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use bazel_remote_apis::build::bazel::remote::execution::v2 as api;
 use cache::Digest;
-use engine::{Canary, NodeError, Stage, Work, WorkRequest, WorkerTerms, Workers};
+use engine::{NodeError, Stage, Work, WorkRequest, WorkerTerms, Workers};
 
 use super::call_error::CallError;
 use super::execution::{Ended, Execution};

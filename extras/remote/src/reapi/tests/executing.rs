@@ -111,12 +111,12 @@ fn a_check_names_the_node_and_the_worker_that_differ() {
     let lies = [Fault::Interrupted, Fault::Lie, Fault::Lie];
     let client = Client::new(&[]);
     let ran = send(&client, &server(&lies));
-    assert!(ran.written.is_some_and(|written| written != WRITTEN) && ran.ids().is_empty());
+    assert!(ran.written.as_deref().is_some_and(|written| written != WRITTEN) && ran.ids().is_empty());
 
     let client = Client::new(&[]);
     let fake = server(&lies);
     let ran = client.send(&fake.address, checking(&client));
-    let failures = ran.outcome.failures.expect("a failure").render(false);
+    let failures = ran.outcome.failures.as_ref().expect("a failure").render(false);
     assert!(failures.contains("differs") && failures.contains("`fake-1`"), "{failures}");
     assert_eq!(ran.ids(), ["remote-differs"]);
     assert!(fake.count("execute") < 4, "nothing more is sent");

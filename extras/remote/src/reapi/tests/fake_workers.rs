@@ -186,7 +186,7 @@ impl Execution for Service {
         let request = request.into_inner();
         assert!(request.skip_cache_lookup, "the action cache is not asked");
         let mut script = self.begin("execute")?;
-        let fault = if script.faults.is_empty() { None } else { script.faults.remove(0) };
+        let fault = if script.faults.is_empty() { None } else { Some(script.faults.remove(0)) };
         let name = format!("operation-{}", script.calls.len());
         let stages = [api::execution_stage::Value::Queued, api::execution_stage::Value::Executing];
         let mut operations: Vec<Result<Operation, Status>> =

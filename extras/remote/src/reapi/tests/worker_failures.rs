@@ -133,9 +133,9 @@ fn lost_and_damaged_inputs_are_computed_again() {
 fn a_node_that_fails_on_a_worker_fails() {
     let fake = server(&[Fault::Interrupted, Fault::Exit(1, FAILED), Fault::Exit(1, FAILED)]);
     let ran = send(&Client::new(&[]), &fake);
-    let failures = ran.outcome.failures.expect("failures").render(false);
+    let failures = ran.outcome.failures.as_ref().expect("failures").render(false);
     assert!(failures.contains("as planned") && failures.contains("plan otherwise"), "{failures}");
-    assert_eq!((ran.ids(), ran.written, ran.outcome.totals.failed), (vec![], None, 2));
+    assert_eq!((ran.ids(), ran.written.as_deref(), ran.outcome.totals.failed), (vec![], None, 2));
 }
 
 #[test]
