@@ -91,8 +91,11 @@ mod tests {
         places.put(value, place.clone());
         places.put(other, place.clone());
         places.remove(&other);
+        assert!(!places.was_proved_today(&value));
+        places.prove(&value);
         for places in [places, Places::of(store.clone(), "server")] {
             assert_eq!((places.get(&value), places.get(&other)), (Some(place.clone()), None));
+            assert!(places.was_proved_today(&value) && !places.was_proved_today(&other));
         }
         assert_eq!(Places::of(store, "other").get(&value), None);
         let forgetful = Places::default();
