@@ -78,12 +78,20 @@ const CANARY: &str = r#"Graph(version: 1, scene: (up: "+z", metres_per_unit: 1.0
         splats: 2000, width_px: 32, height_px: 16, truth_width_px: 16, capture: 2, capture_width_px: 16,
     ),
 ))"#;
-/// The digests of the outputs of the canary.
-const EXPECTED: [&str; 6] = ["", "", "", "", "", ""];
+/// The digests of the outputs of the canary, in the order of the outputs of `demo-scene`. They change with its version;
+/// the test `remote` of the program shows the new ones.
+const EXPECTED: [&str; 6] = [
+    "cdfa9f59287f6047d6453104e544be4c0bb816eaee4915c59d5083cafa06a40a",
+    "563b397711dd6ac75cd56942a1b7082b8ee867775fa62f0ebf88a6efd75173a7",
+    "4f668a3ee0faaa7e340ec4cd5fd816b58549327e984ccb9dd817eba6d2da6fef",
+    "5a712a5f0b6690d8b1a22f391ab98c40a8497eb05245499e490a639fa94d625a",
+    "258afb69e5de6ccb92799793534d7e68a433372bf13b72ddf36267f4a0089f26",
+    "1a7e7c5d3ba90d8a4d6ad742c059e24caeddc4f60990891a40c35fd576a4f6e0",
+];
 
 fn canary() -> Result<Canary, Error> {
     let source = Source::new("canary.ron", CANARY);
-    let graph = Graph::parse(source, &nodes::registry(), SourceRoot::new("."))?;
+    let graph = Graph::parse(source, &nodes::registry(), SourceRoot::new(".")).map_err(Error::Graph)?;
     let expected = EXPECTED.iter().filter_map(|hex| Digest::from_hex(hex)).collect();
     Canary::new(&graph, expected).map_err(|error| Error::usage(error.to_string()))
 }
