@@ -185,7 +185,7 @@ impl Run<'_> {
         }
         match work {
             Ok(Work::Done { entry, worker }) if !self.away.is_distrusted() => {
-                self.accept(index, &entry, worker)
+                self.accept(index, &entry, worker);
             }
             Ok(Work::Failed { message, hint }) => {
                 let error = NodeError::new(message);
@@ -197,7 +197,7 @@ impl Run<'_> {
                 self.away.list(self.queue.place(index), &mut self.slots[index]);
             }
             Ok(Work::Done { .. } | Work::Missing | Work::Refused) => {
-                self.queue.make_ready(index, &mut self.slots[index])
+                self.queue.make_ready(index, &mut self.slots[index]);
             }
             Err(error) => self.fail(index, &error),
         }
