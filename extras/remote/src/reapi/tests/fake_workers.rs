@@ -169,7 +169,7 @@ fn spoil(script: &mut Script, result: &mut api::ActionResult, fault: &Fault) {
             last.size_bytes += 1;
         }
         Fault::Damaged => {
-            files.iter().filter(|file| file.path != "out/entry").for_each(|file| change(script, file))
+            files.iter().filter(|file| file.path != "out/entry").for_each(|file| change(script, file));
         }
         Fault::DamagedEntry => {
             files.iter().filter(|file| file.path == "out/entry").for_each(|file| change(script, file));

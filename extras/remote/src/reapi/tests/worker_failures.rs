@@ -50,7 +50,7 @@ fn failures_of_workers_never_change_a_byte() {
             assert_eq!(ran.traffic.executed, 2, "{fault:?}");
         }
         let strict = Client { fallback: false, ..Client::new(&[]) };
-        let fake = server(&[fault.clone()]);
+        let fake = server(std::slice::from_ref(&fault));
         let ran = send(&strict, &fake);
         assert!(ran.outcome.failures.is_some() && ran.written.is_none(), "{fault:?}");
     }
