@@ -127,7 +127,7 @@ impl Run {
                     let mut object = serde_json::json!({"event": "failed", "message": error.to_string()});
                     match &error {
                         ActionError::Failed { error, .. } => {
-                            object["hint"] = serde_json::json!(error.advice())
+                            object["hint"] = serde_json::json!(error.advice());
                         }
                         ActionError::Memory { needs, .. } => object["needs"] = serde_json::json!(needs),
                         _ => {}
