@@ -95,6 +95,15 @@ impl Blobs {
         }
     }
 
+    /// The length in bytes of the blob with this digest; `None` if it is not stored. Large blobs are not read.
+    pub fn length(&self, digest: &Digest, report: impl Fn(Incident)) -> Option<u64> {
+        match self {
+            Blobs::Nowhere => None,
+            Blobs::Memory(blobs) => lock(blobs).get(digest).map(|bytes| bytes.len() as u64),
+            Blobs::Disk(disk) => disk.length(digest, report),
+        }
+    }
+
     /// Rewrites the log of small blobs if it is damaged or contains mostly dead entries. Rewrites the index of the
     /// log if many entries are missing from it.
     pub fn tidy(&self) -> Result<()> {
@@ -278,6 +287,12 @@ impl Disk {
             || (fs::metadata(self.path(digest)).is_ok_and(|found| found.is_file())
                 && !lock(&self.bad).contains(digest))
             || found(self.with_small(|log| log.refresh().and_then(|_| known(log))))
+    }
+
+    fn length(&self, digest: &Digest, report: impl Fn(Incident)) -> Option<u64> {
+        let found = fs::metadata(self.path(digest)).ok().filter(Metadata::is_file);
+        let small = || self.get_small(digest, &report).ok().flatten().map(|bytes| bytes.len() as u64);
+        found.map(|found| found.len()).or_else(small)
     }
 
     fn sync(&self) -> Result<()> {

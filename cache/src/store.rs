@@ -236,6 +236,11 @@ impl Store {
         self.blobs.get(digest, |incident| self.report(incident))
     }
 
+    /// The length in bytes of a blob; `None` if it is not stored. Large blobs are not read.
+    pub fn blob_length(&self, digest: &Digest) -> Option<u64> {
+        self.blobs.length(digest, |incident| self.report(incident))
+    }
+
     /// True if a blob with this digest exists. The blob is not read, so it is not verified.
     pub fn has_blob(&self, digest: &Digest) -> bool {
         self.blobs.has(digest)

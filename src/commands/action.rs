@@ -54,6 +54,9 @@ struct Run {
     /// Print one JSON object per line on standard output
     #[arg(long)]
     json: bool,
+    /// With `--json`, print only the last object
+    #[arg(long, hide = true, requires = "json")]
+    brief: bool,
 }
 
 #[derive(Debug, Args)]
@@ -111,14 +114,25 @@ impl Run {
         let engine = Engine::new(store, self.jobs.map_or(0, usize::from), memory);
         let cancel = on_interrupt()?;
         let mut report = if self.json { Report::json() } else { Report::lines(false) };
-        let show = |event: Event| report.show(&event);
+        let show = |event: Event| {
+            if !self.brief {
+                report.show(&event);
+            }
+        };
         match engine.run_action(&nodes::registry(), &self.folder, &self.out, &cancel, show) {
             Ok(done) => finish(&done, self.json),
             Err(error) if error.is_cancelled() => Ok(130),
             Err(error) if error.is_of_node() => {
                 if self.json {
-                    let message = error.to_string();
-                    terminal::json_line(&serde_json::json!({"event": "failed", "message": message}));
+                    let mut object = serde_json::json!({"event": "failed", "message": error.to_string()});
+                    match &error {
+                        ActionError::Failed { error, .. } => {
+                            object["hint"] = serde_json::json!(error.advice());
+                        }
+                        ActionError::Memory { needs, .. } => object["needs"] = serde_json::json!(needs),
+                        _ => {}
+                    }
+                    terminal::json_line(&object);
                 } else {
                     terminal::error(&described(&error));
                 }

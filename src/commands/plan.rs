@@ -1,9 +1,11 @@
 //! `plan`: prints what a run would compute, and why.
 
+use std::sync::atomic::AtomicBool;
+
 use clap::Args;
 use engine::{Engine, Event, Fate, Forecast, Graph, Planned, bytes_text};
 
-use crate::session::{EngineArgs, Error, GraphArgs};
+use crate::session::{EngineArgs, Error, GraphArgs, RemoteArgs};
 use crate::terminal::causes::reason;
 use crate::terminal::planned::planned_json;
 use crate::terminal::{self, counts_text, forecast_text, seconds_text};
@@ -21,6 +23,8 @@ pub struct Plan {
     pub json: bool,
     #[command(flatten)]
     engine: EngineArgs,
+    #[command(flatten)]
+    remote: RemoteArgs,
 }
 
 impl Plan {
@@ -28,7 +32,16 @@ impl Plan {
     pub fn run(self) -> Result<u8, Error> {
         let loaded = self.graph.load()?;
         let (graph, only) = (&loaded.graph, &loaded.only);
-        let engine = self.engine.open()?;
+        let mut engine = self.engine.open()?;
+        // Only the placement of nodes depends on the server.
+        if self.remote.executes()? {
+            let cancel = AtomicBool::new(false);
+            (engine, _) = self.remote.connect(engine, &cancel, |warning| {
+                if let Event::Warning { text, .. } = warning {
+                    terminal::remark(text);
+                }
+            })?;
+        }
         let plan = engine.plan(graph, only);
         if self.json {
             return Ok(print_json(&engine, graph, &plan));
@@ -44,7 +57,9 @@ impl Plan {
                 (None, _) => "unknown".to_owned(),
             };
             let why = reason(graph, index, &node.fate);
-            text.push_str(&format!("{:<12} {:<16} {about:<14} {why}\n", node.id, node.kind));
+            let place = engine.placement(graph, index, node);
+            let place = place.map(|place| format!("; {place}")).unwrap_or_default();
+            text.push_str(&format!("{:<12} {:<16} {about:<14} {why}{place}\n", node.id, node.kind));
             let past = self.verbose.then(|| engine.past(graph, index, node));
             if let Some(last) = past.and_then(|past| past.spent) {
                 let [seconds, cpu] = [last.seconds, last.cpu_seconds].map(seconds_text);

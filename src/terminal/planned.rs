@@ -22,11 +22,17 @@ pub fn planned_json(engine: &Engine, graph: &Graph, index: usize, node: &Planned
     });
     // The key is the digest of its manifest.
     let key = node.manifest.as_ref().map(|manifest| Digest::of(manifest.as_bytes()).to_string());
-    json!({
+    let place = engine.placement(graph, index, node);
+    let mut object = json!({
         "event": "planned", "id": node.id, "kind": node.kind, "fate": fate, "follows": after, "key": key,
         "forecast": node.forecast, "why": reason(graph, index, &node.fate),
         "changes": changes_json(changes), "last": last,
-    })
+    });
+    if let Some(place) = place {
+        object["remote"] = place.is_remote().into();
+        object["place"] = place.to_string().into();
+    }
+    object
 }
 
 /// The differences between two keys of a node, as JSON.

@@ -14,6 +14,8 @@ struct Running {
     forecast: Option<f64>,
     /// Progress, from 0 to 1.
     fraction: f64,
+    /// The stage of a node that a worker computes; otherwise empty.
+    stage: String,
 }
 
 impl Running {
@@ -70,7 +72,15 @@ impl Progress {
     /// Records that the code of a node starts.
     pub fn start(&mut self, id: &str, forecast: Option<f64>, now: f64) {
         self.not_waiting(id, forecast);
-        self.running.insert(id.to_owned(), Running { begin: now, forecast, fraction: 0.0 });
+        self.running
+            .insert(id.to_owned(), Running { begin: now, forecast, fraction: 0.0, stage: String::new() });
+    }
+
+    /// Records the stage of a node that a worker computes.
+    pub fn stage(&mut self, id: &str, stage: String) {
+        if let Some(node) = self.running.get_mut(id) {
+            node.stage = stage;
+        }
     }
 
     /// Records the progress of a running node.
@@ -129,6 +139,7 @@ impl Progress {
             vec![format!("{} of {} nodes", self.done, self.open.max(self.done + self.running.len()))];
         let running = |(id, node): (&String, &Running)| match node.fraction {
             f if f > 0.0 => format!("{id} {:.0} %", 100.0 * f),
+            _ if !node.stage.is_empty() => format!("{id} {}", node.stage),
             _ => id.clone(),
         };
         parts.extend(self.running.iter().take(MOST).map(running));

@@ -141,6 +141,11 @@ impl Lines {
                 self.progress.advance(id, *fraction);
                 self.draw();
             }
+            Event::Stage { id, stage, worker } => {
+                let place = if worker.is_empty() { String::new() } else { format!(" on {worker}") };
+                self.progress.stage(id, format!("{stage}{place}"));
+                self.draw();
+            }
             Event::Part { .. } | Event::Span { .. } => {}
             Event::Remake { id, reason } => self.line("again", "33", &format!("{id}: {reason}")),
             Event::Node { id, .. } => {

@@ -162,3 +162,50 @@ fn a_server_that_cannot_be_reached_is_reported() {
         assert!(error.contains(message), "{error}");
     }
 }
+
+#[test]
+fn a_server_computes_nodes() {
+    let Some(server) = Casd::executing() else { return };
+    let address = server.address();
+    let (alone, anna, ben) = (User::new(), User::new(), User::new());
+    alone.run(&["--remote", "none"]).good();
+    let key = anna.good(&["key", "new", "anna-1"]);
+    let remote = ["--remote", &address, "--remote-execute"];
+
+    let plan = anna.good(&[&["plan", "graph.ron"], &remote[..]].concat());
+    let line = |node: &str| plan.lines().find(|line| line.starts_with(node)).unwrap_or_default();
+    assert!(line("trace ").contains("on a worker"), "{plan}");
+    assert!(line("camera ").contains("here: it takes microseconds"), "{plan}");
+
+    let log = anna.run(&[&remote[..], &["--remote-write"]].concat()).good();
+    let executed = traffic(&log)["executed"].as_u64().unwrap();
+    assert!(executed >= 4 && warnings(&log).is_empty(), "{} {:?}", traffic(&log), warnings(&log));
+    let at = |stage: &str, node: &str| {
+        let is_it =
+            |event: &&Value| event["event"] == "stage" && event["stage"] == stage && event["id"] == node;
+        log.events.iter().any(|event| is_it(&event))
+    };
+    assert!(at("sending", "trace") && at("queued", "trace") && !at("queued", "camera"));
+    assert_eq!(alone.0.outputs(), anna.0.outputs());
+
+    // Another machine uses what the first one signed, and has nothing computed.
+    ben.good(&["key", "trust", key.trim()]);
+    let log = ben.run(&remote).good();
+    assert_eq!((&traffic(&log)["executed"], warnings(&log).len()), (&0.into(), 0), "{}", traffic(&log));
+    assert_eq!(alone.0.outputs(), ben.0.outputs());
+
+    // Everything is checked.
+    let carla = User::new();
+    let log = carla.run(&[&remote[..], &["--verify-remote", "100%"]].concat()).good();
+    let [again, here] = [traffic(&log)["executed"].as_u64().unwrap(), log.nodes("ran").len() as u64];
+    assert!(again >= executed && here > again, "{again} {here}");
+    assert_eq!(alone.0.outputs(), carla.0.outputs());
+    for (wrong, message) in [
+        (&["--remote-execute"][..], "`--remote-execute` needs a server"),
+        (&["--remote", &address, "--verify-remote", "2%"], "`--verify-remote` needs `--remote-execute`"),
+        (&["--remote", &address, "--remote-execute", "--verify-remote", "200%"], "is not a share"),
+    ] {
+        let error = carla.bad(&[&["run", "graph.ron", "--set", "trace.samples=1"], wrong].concat());
+        assert!(error.contains(message), "{error}");
+    }
+}

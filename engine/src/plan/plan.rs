@@ -4,6 +4,7 @@
 //! they depend on its result. A plan runs kinds that are [`INSTANT`](crate::Kind::INSTANT) (a pose, a rig), so that
 //! it shows exactly which nodes an edit affects.
 
+use std::collections::BTreeSet;
 use std::path::Path;
 
 use cache::{Change, Digest, Manifest};
@@ -15,6 +16,7 @@ use crate::record::action::{
 };
 use crate::record::pace::Pace;
 use crate::record::record::{Output, Record, Spent};
+use crate::remote::placement::Placement;
 use crate::run::code::{encode, stored_value};
 use crate::run::engine::Engine;
 use crate::run::event::Forecast;
@@ -149,6 +151,25 @@ impl Engine {
             Some(written(&before, now))
         };
         Past { spent, changes: planned.manifest.as_ref().and_then(change).unwrap_or_default() }
+    }
+
+    /// Where a run would compute a node; `None` if the node would not run, or if the engine [sends](Self::sending) no
+    /// nodes to workers. `planned` is the plan of this node.
+    pub fn placement(&self, graph: &Graph, node: usize, planned: &Planned) -> Option<Placement> {
+        let workers = self.workers.as_deref()?;
+        let terms = workers.terms()?;
+        if matches!(planned.fate, Fate::Unwanted | Fate::Known | Fate::Fails(_)) {
+            return None;
+        }
+        let spec = &graph.nodes[node];
+        let wires: BTreeSet<Wire> = spec.inputs.iter().flatten().copied().collect();
+        let length = |wire: &Wire| {
+            let record = last_outputs(self.store(), graph, &graph.nodes[wire.node])?;
+            let digest = record.outputs[wire.port].digest;
+            if workers.holds(&digest) { None } else { self.store().blob_length(&digest) }
+        };
+        let bytes = wires.iter().filter_map(length).sum();
+        Some(Placement::of(&spec.kind, spec.sink_path.is_some(), planned.forecast, bytes, &terms))
     }
 
     /// Time, memory and work counts of a node without a cache, as measured in the last run of the node with this

@@ -16,10 +16,14 @@
 //! process that takes the outputs verifies their names, lengths, digests and types, and the key.
 //!
 //! Results that other machines have already computed come from [`SharedResults`](crate::SharedResults).
+//! [`Workers`](crate::Workers) compute nodes on request: each request contains the files of an action folder, and the
+//! answer is the entry of the outputs folder.
 
 pub(crate) mod action_file;
 pub(crate) mod action_node;
 pub(crate) mod entry;
 pub(crate) mod error;
 pub(crate) mod outputs;
+pub(crate) mod placement;
 pub(crate) mod shared;
+pub(crate) mod workers;

@@ -20,10 +20,11 @@ pub(crate) const VALUES: &str = "values";
 pub(crate) const LONGEST_ENTRY: u64 = 16 << 20;
 
 /// Writes the values of a node and then its entry. `values` contains the name and the bytes of each stored output,
-/// in the order of the outputs.
+/// in the order of the outputs. The folder may exist if it is empty or contains only an empty folder for the values, as
+/// servers prepare it.
 ///
 /// # Errors
-/// If the folder already exists, or if a file cannot be written or read back without a difference.
+/// If the folder already has other content, or if a file cannot be written or read back without a difference.
 pub(crate) fn write(
     folder: &Path,
     key: Digest,
@@ -31,9 +32,11 @@ pub(crate) fn write(
     values: &[(&str, &[u8])],
 ) -> Result<(), ActionError> {
     let inside = folder.join(VALUES);
-    fs::create_dir_all(folder.parent().unwrap_or(folder)).map_err(ActionError::io("create", folder))?;
-    fs::create_dir(folder).map_err(ActionError::io("create", folder))?;
-    fs::create_dir(&inside).map_err(ActionError::io("create", &inside))?;
+    fs::create_dir_all(&inside).map_err(ActionError::io("create", &inside))?;
+    if listing(folder)?.len() > 1 || !listing(&inside)?.is_empty() {
+        let exists = std::io::ErrorKind::AlreadyExists.into();
+        return Err(ActionError::io("create", folder)(exists));
+    }
     let lengths = values.iter().map(|(_, bytes)| bytes.len() as u64).collect();
     let entry = Entry { key, lengths, record }.encode();
     let files = values.iter().map(|(name, bytes)| (inside.join(name), *bytes));

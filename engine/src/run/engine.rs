@@ -7,6 +7,7 @@ use cache::Store;
 
 use crate::kind::tiles::Threads;
 use crate::remote::shared::SharedResults;
+use crate::remote::workers::Workers;
 use crate::run::value_cache::{ValueCache, default_memory};
 use crate::run::warm::Warm;
 
@@ -22,6 +23,8 @@ pub struct Engine {
     pub(crate) warm: Option<Warm>,
     /// Results on another machine; see [`sharing`](Self::sharing).
     pub(crate) shared: Option<Arc<dyn SharedResults>>,
+    /// Machines that compute nodes; see [`sending`](Self::sending).
+    pub(crate) workers: Option<Arc<dyn Workers>>,
 }
 
 /// Limits that apply to all runs.
@@ -40,13 +43,19 @@ impl Engine {
     pub fn new(store: Store, jobs: usize, memory: u64) -> Self {
         let (limits, threads) = (OnceLock::new(), OnceLock::new());
         let (store, prepared) = (Arc::new(store), OnceLock::new());
-        Self { store, jobs, memory, limits, threads, prepared, warm: None, shared: None }
+        Self { store, jobs, memory, limits, threads, prepared, warm: None, shared: None, workers: None }
     }
 
     /// Makes runs look for results that are not in the store in `shared`, and offer new results to it. A plan does
     /// not use it.
     pub fn sharing(self, shared: Arc<dyn SharedResults>) -> Self {
         Self { shared: Some(shared), ..self }
+    }
+
+    /// Makes runs have nodes computed by `workers`. The results stay where they are computed, so the engine must also
+    /// [share](Self::sharing) results, and the shared results must be able to fetch those of the workers.
+    pub fn sending(self, workers: Arc<dyn Workers>) -> Self {
+        Self { workers: Some(workers), ..self }
     }
 
     /// Returns the limits, which are determined on the first call.
@@ -79,6 +88,11 @@ impl Engine {
         let Limits { jobs, memory } = self.limits();
         let limits = OnceLock::from(Limits { jobs, memory: memory / 3 * 2 });
         Self { warm: Some(Warm::new(memory / 3)), limits, ..self }
+    }
+
+    /// The store of this engine, for use by several threads.
+    pub fn shared_store(&self) -> Arc<Store> {
+        self.store.clone()
     }
 
     /// The store of this engine.

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use cache::Digest;
 use serde::{Serialize, Serializer};
 
+use crate::remote::workers::Stage;
 use crate::text::diag::Mistake;
 use crate::value::counts::Counts;
 use crate::value::note::Note;
@@ -37,6 +38,16 @@ pub enum Event {
         /// none.
         #[serde(skip_serializing_if = "Option::is_none")]
         forecast: Option<f64>,
+    },
+    /// A new stage of a node that a worker computes.
+    Stage {
+        /// Name of the node.
+        id: String,
+        /// The stage: `sending`, `queued` or `executing`.
+        stage: &'static str,
+        /// Name of the worker, if it is known.
+        #[serde(skip_serializing_if = "String::is_empty")]
+        worker: String,
     },
     /// Progress of a running node.
     Progress {
@@ -158,6 +169,18 @@ pub enum Event {
         /// Number of watched files.
         files: usize,
     },
+}
+
+impl Event {
+    /// The event of a new stage of the node `id`.
+    pub(crate) fn stage(id: &str, stage: Stage) -> Self {
+        let (stage, worker) = match stage {
+            Stage::Sending => ("sending", String::new()),
+            Stage::Queued => ("queued", String::new()),
+            Stage::Executing(worker) => ("executing", worker),
+        };
+        Self::Stage { id: id.to_owned(), stage, worker }
+    }
 }
 
 /// Totals of a run.

@@ -8,6 +8,7 @@ use cache::Digest;
 use crate::kind::context::ReadSource;
 use crate::record::record::Record;
 use crate::remote::entry::Entry;
+use crate::remote::workers::Work;
 use crate::run::event::Event;
 use crate::value::artifact::AnyArtifact;
 use crate::value::counts::Effort;
@@ -24,6 +25,11 @@ pub(crate) enum Message {
     Asked {
         node: usize,
         found: Result<Option<Box<Entry>>, NodeError>,
+    },
+    /// The answer of the workers.
+    Worked {
+        node: usize,
+        work: Result<Work, NodeError>,
     },
     /// The value is `None` if it is not available. An error means that it must not be computed here.
     Loaded {

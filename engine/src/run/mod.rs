@@ -1,6 +1,7 @@
 //! Running a graph: scheduling, memory, threads, output files, events.
 
 pub(crate) mod action;
+pub(crate) mod away;
 pub(crate) mod claims;
 pub(crate) mod code;
 pub(crate) mod engine;

@@ -77,7 +77,8 @@ impl Queue {
         !self.parked.is_empty()
     }
 
-    fn place(&self, index: usize) -> Position {
+    /// The position of a node in topological order.
+    pub fn place(&self, index: usize) -> Position {
         (self.rank[index], index)
     }
 

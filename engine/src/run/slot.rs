@@ -20,6 +20,12 @@ pub(crate) enum Life {
     Reading,
     /// The result is not in the store, and is being looked up in the results that machines share.
     Asking,
+    /// The result is not known, and a worker will compute the node.
+    Listed,
+    /// A worker will compute the node; the inputs that the server does not have are being loaded.
+    Collecting,
+    /// A worker computes the node.
+    Away,
     /// The result is not in the store; the node waits until its input values may be loaded.
     Ready,
     /// The input values are being loaded.
@@ -84,6 +90,12 @@ pub(crate) struct Slot {
     pub reserved: u64,
     /// Estimate of the memory that the node's code needs, in bytes; `None` before the first estimate.
     pub cost: Option<u64>,
+    /// Number of attempts to have the node computed by a worker that failed because an input was missing.
+    pub attempts: u32,
+    /// True if the result of a worker is compared with the result of this machine.
+    pub checked: bool,
+    /// The result of a worker that is compared with the result of this machine, and the name of the worker.
+    pub check: Option<Box<(Record, String)>>,
     /// State in which the node ended; reported once its files are up to date.
     pub end: Option<State>,
     /// Time and counts of the work for the result. Before the result is available, they cover only the work that
@@ -119,6 +131,9 @@ impl Slot {
             time: TimeEstimate::default(),
             reserved: 0,
             cost: None,
+            attempts: 0,
+            checked: false,
+            check: None,
             end: None,
             effort: Effort::default(),
         }
@@ -126,8 +141,9 @@ impl Slot {
 
     /// True if the node computes or looks up the result for its key. Other nodes with the same key wait for it.
     pub fn leads(&self) -> bool {
-        use Life::{Asking, Gathering, Parked, Queued, Ready, Running};
-        self.remaking.is_none() && matches!(self.life, Asking | Ready | Gathering | Queued | Parked | Running)
+        use Life::{Asking, Away, Collecting, Gathering, Listed, Parked, Queued, Ready, Running};
+        let is_here = matches!(self.life, Asking | Ready | Gathering | Queued | Parked | Running);
+        self.remaking.is_none() && (is_here || matches!(self.life, Listed | Collecting | Away))
     }
 
     pub fn value(&self, port: usize) -> Option<&AnyArtifact> {

@@ -2,6 +2,7 @@
 
 pub(crate) mod action;
 pub(crate) mod bundle;
+pub(crate) mod canary;
 pub(crate) mod pairing;
 pub(crate) mod recipe_error;
 pub(crate) mod rerun;

@@ -26,3 +26,4 @@ mod subgraphs;
 mod unchanged;
 mod warm;
 mod watching;
+mod workers;

@@ -1,5 +1,6 @@
 //! The user's settings for a server.
 
+use std::collections::BTreeMap;
 use std::io::ErrorKind;
 use std::path::Path;
 
@@ -18,6 +19,25 @@ pub struct Config {
     pub write: bool,
     /// True to fail if the server cannot be reached.
     pub no_fallback: bool,
+    /// True to have nodes computed by the workers of the server.
+    pub execute: bool,
+    /// The program on the workers: a path, or a name that is looked for in their `PATH`. If `None`, this program is
+    /// sent to them.
+    pub program: Option<String>,
+    /// Platform properties that a worker must have, by name.
+    pub properties: BTreeMap<String, String>,
+    /// Name of the platform property for memory.
+    pub memory_property: Option<String>,
+    /// The amounts of memory in GiB that workers offer, as values of `memory_property`, in increasing order.
+    pub memory_gib: Vec<u32>,
+    /// Maximum number of nodes that workers compute at once for this client.
+    pub in_flight: Option<usize>,
+    /// Priority of the nodes on the server; nodes with a smaller number are computed earlier.
+    pub priority: i32,
+    /// Time limit for a node, such as `6h`.
+    pub timeout: Option<String>,
+    /// The share of the nodes that are computed here as well to check the workers, such as `2%`.
+    pub verify: Option<String>,
     /// File with the certificates of the authorities that sign the certificate of the server, in PEM. Without it,
     /// the authorities of the operating system count. This path and the following ones are relative to the folder of
     /// the settings.

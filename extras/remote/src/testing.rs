@@ -95,6 +95,53 @@ impl Kind for WriteNumbers {
     }
 }
 
+engine::params! {
+    /// Outputs wrong numbers under the name of [`Double`].
+    pub struct Triple {}
+}
+
+impl Kind for Triple {
+    const NAME: &'static str = "double";
+    const VERSION: u32 = 1;
+    type Params = Self;
+    type In = One;
+    type Out = Doubled;
+    fn run(_params: &Self, inputs: One, _cx: &Context) -> Result<(Doubled, Notes), NodeError> {
+        let numbers = inputs.of.0.iter().map(|number| number * 3).collect();
+        let mut notes = Notes::none();
+        notes.warning("doubled", "twice as large");
+        Ok((Doubled { numbers: Arc::new(Numbers(numbers)) }, notes))
+    }
+}
+
+engine::params! {
+    /// Outputs too many numbers under the name of [`Count`].
+    pub struct Miscount {
+        /// How many numbers to output.
+        to: u32 = 4, range(0, 1e8), other("5");
+    }
+}
+
+impl Kind for Miscount {
+    const NAME: &'static str = "count";
+    const VERSION: u32 = 1;
+    type Params = Self;
+    type In = In;
+    type Out = Out;
+    fn run(params: &Self, _inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
+        Count::run(&Count { to: params.to + 1 }, In {}, cx)
+    }
+}
+
+/// The table of kinds of a worker that computes wrong values.
+pub fn lying_registry() -> Registry {
+    Registry::new(vec![
+        KindEntry::of::<Miscount>(),
+        KindEntry::of::<Triple>(),
+        KindEntry::of::<WriteNumbers>(),
+    ])
+}
+
 /// The table of kinds.
 pub fn registry() -> Registry {
     Registry::new(vec![KindEntry::of::<Count>(), KindEntry::of::<Double>(), KindEntry::of::<WriteNumbers>()])

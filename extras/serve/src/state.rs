@@ -250,8 +250,8 @@ impl State {
                     node.status = NodeStatus::Skipped;
                 }
             }
-            // Parts and spans are too many for a page.
-            Event::Part { .. } | Event::Span { .. } => return None,
+            // Parts, stages and spans are too many for a page.
+            Event::Part { .. } | Event::Stage { .. } | Event::Span { .. } => return None,
             Event::Remake { .. } | Event::Same => {}
         }
         let mut json = serde_json::to_value(event).ok()?;

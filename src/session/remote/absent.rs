@@ -18,12 +18,21 @@ pub struct RemoteArgs {
     remote_write: bool,
     #[arg(long, hide = true)]
     no_remote_fallback: bool,
+    #[arg(long, hide = true)]
+    remote_execute: bool,
+    #[arg(long, hide = true, value_name = "SHARE")]
+    verify_remote: Option<String>,
 }
 
 /// A connected server. This build has none.
 pub enum Remote {}
 
 impl RemoteArgs {
+    /// True if an option names a server or its workers.
+    pub fn executes(&self) -> Result<bool, Error> {
+        Ok(self.remote.is_some() || self.remote_execute || self.verify_remote.is_some())
+    }
+
     /// Returns the engine, or an error if a server is named.
     pub fn connect(
         &self,
@@ -32,7 +41,8 @@ impl RemoteArgs {
         mut show: impl FnMut(&Event),
     ) -> Result<(Engine, Option<Remote>), Error> {
         const BUILD: &str = "build with `cargo build --release --features remote`; see docs/remote.md";
-        if self.remote.is_some() || self.remote_write || self.no_remote_fallback {
+        let asked = self.remote_write || self.no_remote_fallback || self.remote_execute;
+        if self.remote.is_some() || asked || self.verify_remote.is_some() {
             return Err(Error::usage(format!(
                 "`--remote` is not in this build, which lacks the feature `remote`; {BUILD}"
             )));

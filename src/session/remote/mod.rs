@@ -1,4 +1,6 @@
-//! Connection to a server that holds shared results.
+//! Connection to a server that holds shared results and computes nodes.
+
+mod execution;
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -6,7 +8,8 @@ use std::sync::atomic::AtomicBool;
 
 use clap::Args;
 use engine::{Engine, Event, bytes_text};
-use remote::reapi::{Retry, SharedCache, SharedCacheOptions, Traffic};
+use execution::{Execution, ExecutionArgs};
+use remote::reapi::{Retry, ServerWorkers, SharedCache, SharedCacheOptions, Traffic};
 use remote::{Config, Credentials, SecretKey, TrustedKeys};
 use serde_json::{Value, json};
 
@@ -30,6 +33,8 @@ pub struct RemoteArgs {
     /// Fail if the server cannot be reached, instead of computing everything here
     #[arg(long)]
     no_remote_fallback: bool,
+    #[command(flatten)]
+    execution: ExecutionArgs,
 }
 
 /// A connected server.
@@ -39,6 +44,12 @@ pub struct Remote {
 }
 
 impl RemoteArgs {
+    /// True if nodes are to be computed by workers.
+    pub fn executes(&self) -> Result<bool, Error> {
+        let config = Config::read(&config_file("remote.ron")?)?;
+        Ok(self.execution.execution(&config)?.is_some())
+    }
+
     /// Connects the engine to the server, if one is configured. If the server cannot be reached, the engine is
     /// returned unchanged and a warning is passed to `show`; with `--no-remote-fallback`, this is an error.
     pub fn connect(
@@ -51,13 +62,19 @@ impl RemoteArgs {
         let config = Config::read(&file)?;
         let named = self.remote.clone().or_else(|| std::env::var(VARIABLE).ok()).or(config.address.clone());
         let Some(address) = named.filter(|address| !matches!(address.as_str(), "" | "none")) else {
-            if self.remote_write || self.no_remote_fallback {
-                let option = if self.remote_write { "--remote-write" } else { "--no-remote-fallback" };
+            let options = [
+                (self.remote_write, "--remote-write"),
+                (self.no_remote_fallback, "--no-remote-fallback"),
+                (self.execution.remote_execute, "--remote-execute"),
+                (self.execution.verify_remote.is_some(), "--verify-remote"),
+            ];
+            if let Some((_, option)) = options.into_iter().find(|(given, _)| *given) {
                 return Err(Error::usage(format!("`{option}` needs a server; name it with `--remote`")));
             }
             return Ok((engine, None));
         };
         let fallback = !(self.no_remote_fallback || config.no_fallback);
+        let execution = self.execution.execution(&config)?;
         let options = SharedCacheOptions {
             address: address.parse().map_err(|error| Error::usage(format!("{error}")))?,
             credentials: Credentials::read(
@@ -72,8 +89,21 @@ impl RemoteArgs {
         };
         match SharedCache::connect(options, cancel) {
             Ok(cache) => {
-                let cache = Arc::new(cache);
-                Ok((engine.sharing(cache.clone()), Some(Remote { cache, address })))
+                let cache = Arc::new(cache.remember_in(engine.shared_store()));
+                let engine = engine.sharing(cache.clone());
+                let engine = match execution {
+                    None => engine,
+                    Some(Execution(options)) => match ServerWorkers::new(cache.clone(), options) {
+                        Ok(workers) => engine.sending(Arc::new(workers)),
+                        Err(error) if fallback => {
+                            let text = format!("{address}: {error}; all nodes are computed here");
+                            show(&Event::Warning { id: "remote-executes-nothing", text });
+                            engine
+                        }
+                        Err(error) => return Err(Error::usage(format!("{address}: {error}"))),
+                    },
+                };
+                Ok((engine, Some(Remote { cache, address })))
             }
             Err(error) if fallback => {
                 let text = format!("{address}: {error}; the run continues without this server");
@@ -90,22 +120,23 @@ impl RemoteArgs {
 impl Remote {
     /// One line that summarises what was fetched from the server and stored there; `None` if nothing was.
     pub fn summary(&self) -> Option<String> {
-        let Traffic { found, stored, values, bytes_down, bytes_up } = self.cache.traffic();
-        if (found, stored) == (0, 0) {
+        let Traffic { found, stored, executed, values, bytes_down, bytes_up } = self.cache.traffic();
+        if (found, stored, executed) == (0, 0, 0) {
             return None;
         }
+        let computed = if executed > 0 { format!(", computed: {executed}") } else { String::new() };
         let (down, up) = (bytes_text(bytes_down), bytes_text(bytes_up));
         Some(format!(
-            "shared results on {} (found: {found}, stored: {stored}; values fetched: {values}; received: {down}, sent: {up})",
+            "shared results on {} (found: {found}, stored: {stored}{computed}; values fetched: {values}; received: {down}, sent: {up})",
             self.address
         ))
     }
 
     /// The summary as JSON.
     pub fn json(&self) -> Value {
-        let Traffic { found, stored, values, bytes_down, bytes_up } = self.cache.traffic();
+        let Traffic { found, stored, executed, values, bytes_down, bytes_up } = self.cache.traffic();
         json!({
-            "event": "remote", "address": self.address, "found": found, "stored": stored, "values": values,
+            "event": "remote", "address": self.address, "found": found, "stored": stored, "executed": executed, "values": values,
             "bytes_down": bytes_down, "bytes_up": bytes_up,
         })
     }

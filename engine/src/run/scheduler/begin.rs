@@ -6,6 +6,7 @@ use std::time::Instant;
 
 use crate::graph::graph::Graph;
 use crate::record::action::history_of;
+use crate::run::away::Away;
 use crate::run::claims::Claims;
 use crate::run::engine::Engine;
 use crate::run::event::{Event, State, Totals};
@@ -88,6 +89,7 @@ impl<'a> Run<'a> {
             todo,
             unstarted: Vec::new(),
             queue: Queue::new(engine.limits().jobs, rank),
+            away: Away::default(),
             memory: Memory::new(engine.limits().memory),
             known: Known::new(history),
             scratch: Vec::new(),

@@ -50,6 +50,7 @@ impl Run<'_> {
         let settled = self.slots[index].record.is_some();
         let slot = &mut self.slots[index];
         self.queue.leave(index, slot);
+        self.away.leave(self.queue.place(index), slot);
         // Its files will not be written.
         let is_sink = self.graph.nodes[index].sink_path.is_some();
         slot.readers -= usize::from(is_sink && slot.life != Life::Done);
@@ -127,7 +128,7 @@ impl Run<'_> {
                 let Waiter::Code(reader) = waiter else { continue };
                 if self.slots[reader].remaking.is_some() {
                     lost.push(reader);
-                } else if self.slots[reader].life == Life::Gathering {
+                } else if matches!(self.slots[reader].life, Life::Gathering | Life::Collecting) {
                     self.skip(reader);
                 }
             }

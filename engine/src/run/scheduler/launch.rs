@@ -11,7 +11,7 @@ use crate::run::event::Event;
 use crate::run::job::Job;
 use crate::run::message::Finished;
 use crate::run::queue::Parked;
-use crate::run::scheduler::Run;
+use crate::run::scheduler::{Pool, Run};
 use crate::run::time_estimate::TimeEstimate;
 use crate::value::artifact::AnyArtifact;
 use crate::value::error::NodeError;
@@ -67,9 +67,14 @@ impl<'a> Run<'a> {
 
     /// Records the time of a node that ran. Nodes of its kind that had no forecast get one.
     pub fn learn(&mut self, index: usize, finished: &Finished) {
+        self.learn_time(index, finished.record.spent.seconds);
+    }
+
+    /// Records that the code of a node took `seconds`.
+    pub fn learn_time(&mut self, index: usize, seconds: f64) {
         let store = &self.engine.store;
         let kind = &self.graph.nodes[index].kind;
-        self.known.learn(kind, self.slots[index].time.work, finished.record.spent.seconds);
+        self.known.learn(kind, self.slots[index].time.work, seconds);
         for other in self.queue.untimed(kind.name) {
             let slot = &mut self.slots[other];
             let seconds = self.known.seconds(store, kind, slot.time.work);
@@ -161,7 +166,7 @@ impl<'a> Run<'a> {
             cancel: self.options.cancel.clone(),
             sender: self.sender.clone(),
         };
-        self.send_code(index, move || job.run());
+        self.send_to(Pool::Code, index, move || job.run());
     }
 
     /// Parks a node because its result, or the result of one of its parts, is being computed elsewhere. A parked

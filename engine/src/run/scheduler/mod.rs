@@ -5,7 +5,9 @@
 //! looked up in the store. On a miss, its input values are loaded (see `supply`) and its code is queued. No
 //! function recurses over the graph.
 
+mod away;
 mod begin;
+mod end;
 mod failure;
 mod launch;
 mod placing;
@@ -13,7 +15,6 @@ mod resolve;
 mod sharing;
 mod supply;
 
-use std::cell::LazyCell;
 use std::collections::{BTreeSet, VecDeque};
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
@@ -21,27 +22,23 @@ use std::time::{Duration, Instant};
 
 use crate::graph::graph::Graph;
 use crate::graph::node::Wire;
+use crate::run::away::Away;
 use crate::run::claims::Claims;
 use crate::run::engine::Engine;
 use crate::run::event::{Event, Totals};
 use crate::run::known::Known;
 use crate::run::memory::Memory;
 use crate::run::message::Message;
-use crate::run::options::{Outcome, RunOptions};
+use crate::run::options::RunOptions;
 use crate::run::queue::Queue;
 use crate::run::slot::{Life, Slot};
 use crate::run::trace::Tracer;
-use crate::run::unchanged;
 use crate::run::workers::{Work, Workers};
-use crate::text::diag::{Diagnostic, Diagnostics};
-use crate::value::cpu;
+use crate::text::diag::Diagnostic;
 use crate::value::error::NodeError;
 
 /// Interval at which leases are renewed. This shows other processes that this process is still working.
 const RENEW_EVERY: Duration = Duration::from_secs(1);
-
-/// The history of a graph is trimmed only if it contains more nodes than this.
-const MIN_HISTORY: usize = 1024;
 
 /// A pending step of the scheduler.
 enum Task {
@@ -52,10 +49,21 @@ enum Task {
     Files(usize),
 }
 
+/// The threads that do a piece of work.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Pool {
+    /// The code of a node.
+    Code,
+    /// Other work on this machine, such as loading a value.
+    Other,
+    /// Waiting for a worker that computes a node. These threads do not compute.
+    Away,
+}
+
 /// Work for a node that has not been passed to a thread yet.
 struct Unstarted<'a> {
     node: usize,
-    is_code: bool,
+    pool: Pool,
     work: Work<'a>,
 }
 
@@ -73,6 +81,8 @@ pub(crate) struct Run<'a> {
     unstarted: Vec<Unstarted<'a>>,
     /// The nodes whose code is to run.
     queue: Queue,
+    /// The nodes that workers compute.
+    away: Away,
     /// Memory taken by values and reserved for running code.
     memory: Memory,
     /// Keys of this run.
@@ -108,18 +118,23 @@ impl<'a> Run<'a> {
         }
         let jobs = self.engine.limits().jobs;
         let workers = Workers::new(self.engine.threads(), Queue::most(jobs) + jobs);
+        let terms = self.engine.workers.as_deref().and_then(|workers| workers.terms());
+        let away = Workers::new(self.engine.threads(), terms.map_or(1, |terms| terms.in_flight.max(1)));
         std::thread::scope(|scope| {
-            let _closing = workers.closing();
-            self.coordinate(scope, &workers, receiver);
+            let _closing = (workers.closing(), away.closing());
+            self.coordinate(scope, &workers, &away, receiver);
         });
     }
 
     /// Marks a node as failed because no thread could be started for it.
-    fn without_thread(&mut self, node: usize, is_code: bool, error: &std::io::Error) {
+    fn without_thread(&mut self, node: usize, pool: Pool, error: &std::io::Error) {
         let error =
             NodeError::new(format!("cannot start a thread: {error}")).hint("use fewer threads with `--jobs`");
         self.count_message(node);
-        if is_code {
+        if pool == Pool::Away {
+            self.away.end(node);
+        }
+        if pool == Pool::Code {
             self.end_running(node);
             self.slots[node].storing = false;
         }
@@ -137,9 +152,10 @@ impl<'a> Run<'a> {
                 Some(Task::Gather(node)) => self.gather(node),
                 Some(Task::Bring(wire)) => self.bring(wire),
                 Some(Task::Files(node)) => self.place_files(node),
-                // Both may fail nodes, which adds tasks.
+                // All of these may add tasks.
                 None => {
                     self.unpark();
+                    self.dispatch();
                     self.supply();
                     self.launch();
                     if self.todo.is_empty() {
@@ -152,16 +168,14 @@ impl<'a> Run<'a> {
 
     /// Passes work for a node to a thread, which sends a message at the end of the work.
     pub fn send(&mut self, node: usize, act: impl FnOnce() + Send + 'a) {
-        self.owed += 1;
-        self.slots[node].owed += 1;
-        self.unstarted.push(Unstarted { node, is_code: false, work: Box::new(act) });
+        self.send_to(Pool::Other, node, act);
     }
 
-    /// Passes the code of a node to a thread.
-    pub fn send_code(&mut self, node: usize, act: impl FnOnce() + Send + 'a) {
+    /// Passes work for a node to a thread of a pool.
+    fn send_to(&mut self, pool: Pool, node: usize, act: impl FnOnce() + Send + 'a) {
         self.owed += 1;
         self.slots[node].owed += 1;
-        self.unstarted.push(Unstarted { node, is_code: true, work: Box::new(act) });
+        self.unstarted.push(Unstarted { node, pool, work: Box::new(act) });
     }
 
     /// Schedules until no work is left, or until the run is cancelled and the threads are idle.
@@ -169,6 +183,7 @@ impl<'a> Run<'a> {
         &mut self,
         scope: &'s std::thread::Scope<'s, '_>,
         workers: &'s Workers<'a>,
+        away: &'s Workers<'a>,
         receiver: &Receiver<Message>,
     ) {
         let mut renewed = Instant::now();
@@ -178,12 +193,13 @@ impl<'a> Run<'a> {
                 renewed = Instant::now();
             }
             self.decide();
-            for Unstarted { node, is_code, work } in std::mem::take(&mut self.unstarted) {
-                if let Err(error) = workers.hand(scope, is_code, work) {
-                    self.without_thread(node, is_code, &error);
+            for Unstarted { node, pool, work } in std::mem::take(&mut self.unstarted) {
+                let threads = if pool == Pool::Away { away } else { workers };
+                if let Err(error) = threads.hand(scope, pool == Pool::Code, work) {
+                    self.without_thread(node, pool, &error);
                 }
             }
-            let idle = self.todo.is_empty() && self.queue.nothing_waits();
+            let idle = self.todo.is_empty() && self.queue.nothing_waits() && self.away.nothing_waits();
             if self.owed == 0 && (self.stopped() || idle) {
                 return;
             }
@@ -203,6 +219,7 @@ impl<'a> Run<'a> {
     /// Checks that all counters agree with the slots.
     fn check(&self) {
         self.queue.check(&self.slots);
+        self.away.check(&self.slots);
         self.memory.check(self.graph, &self.slots);
         self.known.check(&self.slots);
         assert_eq!(self.owed, self.slots.iter().map(|slot| slot.owed).sum::<usize>(), "messages owed");
@@ -238,6 +255,10 @@ impl<'a> Run<'a> {
             Message::Asked { node, found } => {
                 self.count_message(node);
                 self.asked(node, found);
+            }
+            Message::Worked { node, work } => {
+                self.count_message(node);
+                self.worked(node, work);
             }
             Message::Loaded { node, port, value } => {
                 self.count_message(node);
@@ -279,79 +300,5 @@ impl<'a> Run<'a> {
     fn end_running(&mut self, index: usize) {
         self.queue.end(index);
         self.memory.release(&mut self.slots[index]);
-    }
-
-    /// The warning about stored values that were missing. All of them are reported in one warning, since they have
-    /// a common cause.
-    fn gone_text(&self) -> Option<String> {
-        const NAMED: usize = 3;
-        if self.gone.is_empty() {
-            return None;
-        }
-        if let (Some(&node), 1) = (self.gone.first(), self.gone.len()) {
-            let id = &self.graph.nodes[node].id;
-            return Some(format!(
-                "`{id}`: its stored value was missing from the cache and was computed again"
-            ));
-        }
-        let names = self.gone.iter().take(NAMED).map(|&node| format!("`{}`", self.graph.nodes[node].id));
-        let names = names.collect::<Vec<_>>().join(", ");
-        let more = match self.gone.len().saturating_sub(NAMED) {
-            0 => String::new(),
-            more => format!(" and {more} more"),
-        };
-        Some(format!("stored values of {names}{more} were missing from the cache and were computed again"))
-    }
-
-    /// Ends the run. Returns its outcome and the end state of each node.
-    pub fn finish(mut self) -> (Outcome, Vec<Slot>) {
-        for index in 0..self.slots.len() {
-            let slot = &self.slots[index];
-            let over = matches!(slot.life, Life::Unwanted | Life::Done | Life::Failed | Life::Skipped);
-            if !over && slot.remaking != Some(Life::Done) {
-                self.slots[index].life = Life::Skipped;
-                self.report_skipped(index);
-            }
-        }
-        self.remark();
-        let store = &self.engine.store;
-        // Removes names of nodes that the graph no longer has, such as instances at former axis values.
-        let most = MIN_HISTORY.max(2 * self.graph.nodes.len());
-        let names =
-            LazyCell::new(|| self.graph.nodes.iter().map(|node| node.id.as_str()).collect::<BTreeSet<_>>());
-        store.history_trim(self.known.history(), most, |name| names.contains(name));
-        let mut quiet = self.unchanged;
-        if let Err(error) = store.flush() {
-            let text = NodeError::from(error).to_string();
-            (self.emit)(Event::Warning { id: "cache-write", text });
-            quiet = false;
-        }
-        for incident in store.take_incidents() {
-            (self.emit)(Event::Warning { id: "cache-damage", text: incident.to_string() });
-            quiet = false;
-        }
-        if let Some(text) = self.gone_text() {
-            (self.emit)(Event::Warning { id: "cache-damage", text });
-        }
-        self.totals.peak_bytes = self.memory.peak();
-        self.totals.stopped = self.stopped();
-        if quiet && self.all_is_known() {
-            unchanged::keep(store, self.graph, &self.options.out, &self.slots);
-        }
-        self.totals.seconds = self.start.elapsed().as_secs_f64();
-        self.totals.cpu_seconds = (cpu::of_process() - self.start_cpu).as_secs_f64();
-        (self.emit)(Event::Done(self.totals.clone()));
-        let failures = (!self.failures.is_empty())
-            .then(|| Diagnostics::new(self.graph.source.clone(), std::mem::take(&mut self.failures)));
-        (Outcome { totals: self.totals, failures }, self.slots)
-    }
-
-    /// True if all sinks were up to date and no work was done.
-    fn all_is_known(&self) -> bool {
-        let Totals { ran: 0, remade: 0, failed: 0, skipped: 0, stopped: false, .. } = self.totals else {
-            return false;
-        };
-        let asked = self.options.only.is_empty() && self.options.rough.is_empty();
-        asked && self.graph.nodes.iter().any(|node| node.sink_path.is_some())
     }
 }

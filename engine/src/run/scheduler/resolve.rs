@@ -89,6 +89,9 @@ impl Run<'_> {
             self.learn(index, &finished);
         }
         let Finished { mut record, values, mut effort, ran } = finished;
+        if let Err(error) = self.compare(index, &record) {
+            return self.fail(index, &error);
+        }
         // Work done before the node was parked belongs to this run as well.
         effort.add(&std::mem::take(&mut self.slots[index].effort));
         let followers = self.take_followers(index);

@@ -50,26 +50,34 @@ impl Run<'_> {
             Ok(entry) => entry,
             Err(error) => return self.fail(index, &error),
         };
-        let (graph, store) = (self.graph, &self.engine.store);
+        let graph = self.graph;
         let Some((entry, record)) = entry.and_then(|entry| {
             // A result of a kind whose types have changed is not one of this kind.
             let record = Record::decode(&entry.record, &graph.nodes[index]).ok()?;
             Some((entry, record))
         }) else {
             return match self.forecast(index) {
-                Ok(()) => self.queue.make_ready(index, &mut self.slots[index]),
+                Ok(()) => self.place(index),
                 Err(error) => self.fail(index, &error),
             };
         };
-        if let Ok(local) = local_record(&entry.record, |digest| store.has_blob(digest))
-            && let Err(error) = store.put_record(&entry.key, &local)
-        {
-            self.warn_unstored("cache-write", NodeError::from(error).to_string());
+        if let Err(error) = self.put_local(&entry) {
+            self.warn_unstored("cache-write", error.to_string());
         }
         for follower in self.take_followers(index) {
             self.settle(follower, record.clone(), State::Cached, Effort::default());
         }
         self.settle(index, record, State::Cached, Effort::default());
+    }
+
+    /// Stores the record of a result of another machine, with only those values marked as stored that are here.
+    pub(super) fn put_local(&self, entry: &Entry) -> Result<(), NodeError> {
+        let store = &self.engine.store;
+        match local_record(&entry.record, |digest| store.has_blob(digest)) {
+            Ok(local) => Ok(store.put_record(&entry.key, &local)?),
+            // The record was decoded before.
+            Err(_) => Ok(()),
+        }
     }
 
     /// Emits the warnings of the shared results.

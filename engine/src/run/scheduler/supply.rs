@@ -217,6 +217,12 @@ impl<'a> Run<'a> {
                         self.enqueue(node);
                     }
                 }
+                Waiter::Code(node) if self.slots[node].life == Life::Collecting => {
+                    self.slots[node].missing -= 1;
+                    if self.slots[node].missing == 0 {
+                        self.send_away(node);
+                    }
+                }
                 // The reader was skipped meanwhile.
                 Waiter::Code(_) => {}
             }

@@ -42,6 +42,24 @@ impl Kind for Cheat {
     }
 }
 
+/// The table of all kinds in this file, except that `add` returns a different result under the same name and version.
+pub fn registry_of_a_liar() -> Registry {
+    registry_with(KindEntry::of::<Lie>())
+}
+
+/// An `add` that returns a different result; see [`registry_of_a_liar`].
+pub struct Lie;
+impl Kind for Lie {
+    const NAME: &'static str = "add";
+    const VERSION: u32 = 1;
+    type Params = Add;
+    type In = Terms;
+    type Out = Gives;
+    fn run(params: &Add, inputs: Terms, _cx: &Context) -> Ran {
+        give(inputs.terms.iter().map(|term| term.0).sum::<f64>() + params.bias + 0.5)
+    }
+}
+
 fn entries() -> Vec<KindEntry> {
     vec![
         KindEntry::of::<LoadNumber>(),

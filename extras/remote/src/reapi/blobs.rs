@@ -34,15 +34,18 @@ pub(crate) struct Upload<'b> {
 impl Server {
     /// Uploads those of the blobs that the server does not have. Returns the number of bytes that were sent.
     pub fn upload(&self, blobs: &[Upload<'_>], cancel: &AtomicBool) -> Result<u64, CallError> {
-        if let Some(blob) = blobs.iter().find(|blob| blob.bytes.len() as u64 > self.largest) {
-            let why = format!("the server accepts at most {} bytes, not {}", self.largest, blob.bytes.len());
-            return Err(CallError::Refused { what: "storing a value", why });
-        }
-        let missing = self.missing(blobs, cancel)?;
+        blobs.iter().try_for_each(|blob| self.accepts(blob.bytes.len() as u64))?;
+        let digests: Vec<&api::Digest> = blobs.iter().map(|blob| &blob.digest).collect();
+        let missing = self.missing(&digests, cancel)?;
         let mut seen = BTreeSet::new();
         let wanted = |blob: &&Upload<'_>| missing.contains(&blob.digest.hash);
         let wanted: Vec<&Upload<'_>> =
             blobs.iter().filter(wanted).filter(|blob| seen.insert(&blob.digest.hash)).collect();
+        self.send(&wanted, cancel)
+    }
+
+    /// Uploads blobs without asking whether the server has them. Returns the number of bytes that were sent.
+    pub fn send(&self, wanted: &[&Upload<'_>], cancel: &AtomicBool) -> Result<u64, CallError> {
         let is_small = |blob: &&&Upload<'_>| blob.bytes.len() as u64 <= self.batch / 4;
         let (mut batch, mut size) = (Vec::new(), 0);
         for blob in wanted.iter().filter(is_small) {
@@ -63,16 +66,29 @@ impl Server {
         Ok(wanted.iter().map(|blob| blob.bytes.len() as u64).sum())
     }
 
-    /// The digests of those of the blobs that the server does not have.
-    fn missing(&self, blobs: &[Upload<'_>], cancel: &AtomicBool) -> Result<BTreeSet<String>, CallError> {
+    /// Returns an error if the server accepts no blob of this length.
+    pub fn accepts(&self, length: u64) -> Result<(), CallError> {
+        if length <= self.largest {
+            return Ok(());
+        }
+        let why = format!("the server accepts at most {} bytes, not {length}", self.largest);
+        Err(CallError::Refused { what: "storing a value", why })
+    }
+
+    /// The hashes of those of the blobs that the server does not have.
+    pub fn missing(
+        &self,
+        digests: &[&api::Digest],
+        cancel: &AtomicBool,
+    ) -> Result<BTreeSet<String>, CallError> {
         const WHAT: &str = "asking for missing values";
         let mut missing = BTreeSet::new();
-        for blobs in blobs.chunks(MOST_DIGESTS) {
-            let subject = blobs.first().map_or("", |blob| &blob.digest.hash);
+        for digests in digests.chunks(MOST_DIGESTS) {
+            let subject = digests.first().map_or("", |digest| &digest.hash);
             let answer = self.connection.call(WHAT, subject, 0, cancel, |channel| {
                 let request = api::FindMissingBlobsRequest {
                     instance_name: self.instance(),
-                    blob_digests: blobs.iter().map(|blob| blob.digest.clone()).collect(),
+                    blob_digests: digests.iter().map(|digest| (*digest).clone()).collect(),
                     digest_function: self.function.number(),
                 };
                 async move { ContentAddressableStorageClient::new(channel).find_missing_blobs(request).await }

@@ -116,11 +116,6 @@ impl Connection {
         cancel: &AtomicBool,
         mut attempt: impl FnMut(Calls) -> F,
     ) -> Result<T, CallError> {
-        let stopped = async {
-            while !cancel.load(Ordering::Relaxed) {
-                tokio::time::sleep(LOOK).await;
-            }
-        };
         let limit = self.retry.limit_for(bytes);
         let attempts = async {
             let mut number = 0;
@@ -141,12 +136,41 @@ impl Connection {
                 number += 1;
             }
         };
+        self.until_cancelled(cancel, attempts)
+    }
+
+    /// Waits for `work`, or until the run is cancelled. `work` receives no time limit.
+    pub fn until_cancelled<T>(
+        &self,
+        cancel: &AtomicBool,
+        work: impl Future<Output = Result<T, CallError>>,
+    ) -> Result<T, CallError> {
+        let stopped = async {
+            while !cancel.load(Ordering::Relaxed) {
+                tokio::time::sleep(LOOK).await;
+            }
+        };
         self.runtime.block_on(async {
             tokio::select! {
                 biased;
                 () = stopped => Err(CallError::Cancelled),
-                outcome = attempts => outcome,
+                outcome = work => outcome,
             }
         })
+    }
+
+    /// Calls the server once, without regard to cancellation. Returns false if there is no answer within `limit`.
+    pub fn attempt<T, F: Future<Output = Result<T, Status>>>(
+        &self,
+        limit: Duration,
+        attempt: impl FnOnce(Calls) -> F,
+    ) -> bool {
+        let call = async { tokio::time::timeout(limit, attempt(self.calls.clone())).await };
+        matches!(self.runtime.block_on(call), Ok(Ok(_)))
+    }
+
+    /// The channel for calls with a time limit of their own.
+    pub fn calls(&self) -> Calls {
+        self.calls.clone()
     }
 }

@@ -98,29 +98,36 @@ impl Server {
         values: &[(Digest, &[u8])],
         cancel: &AtomicBool,
     ) -> Result<u64, CallError> {
+        let upload = |bytes| Upload { digest: self.function.of_bytes(bytes), bytes };
+        let uploads: Vec<Upload<'_>> = values.iter().map(|(_, bytes)| upload(bytes)).collect();
+        let sent = self.upload(&uploads, cancel)?;
+        let places = values.iter().zip(uploads).map(|((value, _), upload)| (*value, upload.digest));
+        Ok(sent + self.store_entry(key, sealed, &places.collect::<Vec<_>>(), cancel)?)
+    }
+
+    /// Stores a result whose values are on the server: the signed entry that names them. Returns the number of bytes
+    /// that were sent.
+    pub fn store_entry(
+        &self,
+        key: &Digest,
+        sealed: &[u8],
+        values: &[(Digest, api::Digest)],
+        cancel: &AtomicBool,
+    ) -> Result<u64, CallError> {
         const WHAT: &str = "storing a result";
         let Synthetic { command, action, digest } = self.synthetic(key);
-        let values: Vec<(String, Upload<'_>)> = values
-            .iter()
-            .map(|(value, bytes)| {
-                let digest = self.function.of_bytes(bytes);
-                (format!("{VALUES}{value}"), Upload { digest, bytes })
-            })
-            .collect();
         let file = |path: String, digest: &api::Digest| api::OutputFile {
             path,
             digest: Some(digest.clone()),
             ..api::OutputFile::default()
         };
         let mut files: Vec<api::OutputFile> =
-            values.iter().map(|(path, upload)| file(path.clone(), &upload.digest)).collect();
-        let mut uploads: Vec<Upload<'_>> = values.into_iter().map(|(_, upload)| upload).collect();
-        for bytes in [command.as_slice(), &action, &[], sealed] {
-            uploads.push(Upload { digest: self.function.of_bytes(bytes), bytes });
-        }
+            values.iter().map(|(value, place)| file(format!("{VALUES}{value}"), place)).collect();
         files.push(file(ENTRY.to_owned(), &self.function.of_bytes(sealed)));
         // Servers need the files of a result in the order of their paths.
         files.sort_by(|a, b| a.path.cmp(&b.path));
+        let uploads = [command.as_slice(), &action, &[], sealed]
+            .map(|bytes| Upload { digest: self.function.of_bytes(bytes), bytes });
         let sent = self.upload(&uploads, cancel)?;
         let result = api::ActionResult { output_files: files, ..api::ActionResult::default() };
         self.connection.call(WHAT, &key.to_string(), 0, cancel, |channel| {

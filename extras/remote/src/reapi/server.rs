@@ -26,6 +26,8 @@ pub(crate) struct Server {
     pub largest: u64,
     /// True if clients may store results.
     pub takes_results: bool,
+    /// True if the server computes nodes.
+    pub executes: bool,
 }
 
 impl Server {
@@ -36,7 +38,9 @@ impl Server {
             let request = api::GetCapabilitiesRequest { instance_name: instance.clone() };
             async move { CapabilitiesClient::new(channel).get_capabilities(request).await }
         })?;
-        let Some(cache) = answer.into_inner().cache_capabilities else {
+        let answer = answer.into_inner();
+        let execution = answer.execution_capabilities;
+        let Some(cache) = answer.cache_capabilities else {
             let why = "the server has no cache".to_owned();
             return Err(CallError::Refused { what: WHAT, why });
         };
@@ -55,6 +59,7 @@ impl Server {
             batch: limit(cache.max_batch_total_size_bytes, MOST).saturating_sub(MARGIN).max(1),
             largest: limit(cache.max_cas_blob_size_bytes, u64::MAX),
             takes_results: cache.action_cache_update_capabilities.is_some_and(|may| may.update_enabled),
+            executes: execution.is_some_and(|may| may.exec_enabled),
         })
     }
 

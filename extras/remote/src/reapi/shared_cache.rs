@@ -1,16 +1,17 @@
 //! The results on a server, for use by the engine.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::sync::atomic::AtomicBool;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use bazel_remote_apis::build::bazel::remote::execution::v2 as api;
-use cache::Digest;
+use cache::{Digest, Store};
 use engine::{Entry, NodeError, SharedResults};
 
 use super::address::Address;
 use super::call_error::CallError;
 use super::connection::Connection;
+use super::places::Places;
 use super::results::Found;
 use super::retry::Retry;
 use super::server::Server;
@@ -42,6 +43,8 @@ pub struct Traffic {
     pub found: u64,
     /// Number of results that were stored on the server.
     pub stored: u64,
+    /// Number of nodes that workers computed.
+    pub executed: u64,
     /// Number of values that were fetched.
     pub values: u64,
     /// Number of bytes that were fetched.
@@ -56,6 +59,7 @@ pub struct SharedCache {
     trusted: TrustedKeys,
     publish_as: Option<SecretKey>,
     fallback: bool,
+    pub(super) places: Places,
     state: Mutex<State>,
 }
 
@@ -65,8 +69,6 @@ struct State {
     lost: Option<String>,
     /// True if no further results are stored on the server.
     stores_nothing: bool,
-    /// For the values of the results that were found: the digests under which the server stores them.
-    places: BTreeMap<Digest, api::Digest>,
     remarks: Vec<(&'static str, String)>,
     /// Ids of the remarks so far. There is at most one remark per id.
     said: BTreeSet<&'static str>,
@@ -83,7 +85,8 @@ impl SharedCache {
         let server = Server::open(Connection::new(address, &credentials, retry)?, cancel)?;
         let refuses = publish_as.is_some() && !server.takes_results;
         let state = Mutex::new(State { stores_nothing: refuses, ..State::default() });
-        let cache = Self { server, trusted, publish_as, fallback, state };
+        let places = Places::default();
+        let cache = Self { server, trusted, publish_as, fallback, places, state };
         if refuses {
             let why = "the server does not accept results from clients".to_owned();
             cache.stop_storing(&CallError::Refused { what: "storing results", why });
@@ -91,18 +94,25 @@ impl SharedCache {
         Ok(cache)
     }
 
+    /// Remembers in `store` under which digests the server stores values, for later runs.
+    pub fn remember_in(mut self, store: Arc<Store>) -> Self {
+        let Address { encrypted, authority, instance, .. } = self.address();
+        let name = format!("{encrypted} {authority} {instance} {:?}", self.server.function);
+        self.places = Places::of(store, &name);
+        self
+    }
+
     /// The traffic so far.
     pub fn traffic(&self) -> Traffic {
         self.state().traffic
     }
 
-    /// The server, for tests that store data that this client never stores.
-    #[cfg(test)]
+    /// The server.
     pub(crate) fn server(&self) -> &Server {
         &self.server
     }
 
-    fn address(&self) -> &Address {
+    pub(super) fn address(&self) -> &Address {
         &self.server.connection.address
     }
 
@@ -110,7 +120,7 @@ impl SharedCache {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn remark(&self, id: &'static str, text: String) {
+    pub(super) fn remark(&self, id: &'static str, text: String) {
         let mut state = self.state();
         if state.said.insert(id) {
             state.remarks.push((id, text));
@@ -118,7 +128,7 @@ impl SharedCache {
     }
 
     /// The answer to every question after the server was given up; `None` while the server is used.
-    fn without<T>(&self) -> Option<Result<Option<T>, NodeError>> {
+    pub(super) fn without<T>(&self) -> Option<Result<Option<T>, NodeError>> {
         let why = self.state().lost.clone()?;
         Some(if self.fallback { Ok(None) } else { Err(self.refusal(&why)) })
     }
@@ -130,7 +140,7 @@ impl SharedCache {
 
     /// The answer to a question whose call failed. From then on the server is not used, since every further call
     /// would take as long to fail.
-    fn failed<T>(&self, error: &CallError) -> Result<Option<T>, NodeError> {
+    pub(super) fn failed<T>(&self, error: &CallError) -> Result<Option<T>, NodeError> {
         if matches!(error, CallError::Cancelled) {
             return Ok(None);
         }
@@ -144,6 +154,39 @@ impl SharedCache {
             format!("{}: {why}; the run continues without this server", self.address()),
         );
         Ok(None)
+    }
+
+    /// True if the server is not used any more.
+    pub(super) fn is_lost(&self) -> bool {
+        self.state().lost.is_some()
+    }
+
+    /// Adds to the numbers of the traffic.
+    pub(super) fn count(&self, add: impl FnOnce(&mut Traffic)) {
+        add(&mut self.state().traffic);
+    }
+
+    /// True if runs continue without the server if it is not available.
+    pub(super) fn has_fallback(&self) -> bool {
+        self.fallback
+    }
+
+    /// The key that signs new results, unless no results are stored on the server.
+    fn publishes(&self) -> Option<&SecretKey> {
+        let state = self.state();
+        self.publish_as.as_ref().filter(|_| !state.stores_nothing && state.lost.is_none())
+    }
+
+    /// Stores a result whose values are on the server, if this client stores results.
+    pub(super) fn publish_entry(&self, entry: &Entry, places: &[(Digest, api::Digest)], cancel: &AtomicBool) {
+        let Some(key) = self.publishes() else { return };
+        match self.server.store_entry(&entry.key, &signed::seal(entry, key), places, cancel) {
+            Ok(sent) => self.count(|traffic| {
+                traffic.stored += 1;
+                traffic.bytes_up += sent;
+            }),
+            Err(error) => self.stop_storing(&error),
+        }
     }
 
     fn stop_storing(&self, error: &CallError) {
@@ -186,7 +229,7 @@ impl SharedCache {
             blobs.iter().zip(&entry.lengths).map(|(value, length)| place(value, *length)).collect();
         match places {
             Some(places) => {
-                self.state().places.extend(places);
+                places.into_iter().for_each(|(value, place)| self.places.put(value, place));
                 Some(entry)
             }
             None => {
@@ -229,7 +272,7 @@ impl SharedResults for SharedCache {
         if let Some(answer) = self.without() {
             return answer;
         }
-        let place = || self.state().places.get(value).cloned();
+        let place = || self.places.get(value);
         let place = match place() {
             Some(place) => place,
             // The record came from the store of this machine.
@@ -248,11 +291,11 @@ impl SharedResults for SharedCache {
             Ok(_) => {
                 let text = format!("a value on {} is damaged, so it is computed here", self.address());
                 self.remark("remote-damaged", text);
-                self.state().places.remove(value);
+                self.places.remove(value);
                 Ok(None)
             }
             Err(CallError::NotFound) => {
-                self.state().places.remove(value);
+                self.places.remove(value);
                 Ok(None)
             }
             Err(error @ CallError::Wrong { .. }) => {
@@ -267,14 +310,7 @@ impl SharedResults for SharedCache {
     }
 
     fn publish(&self, entry: &Entry, values: &[(Digest, &[u8])], cancel: &AtomicBool) {
-        let Some(key) = &self.publish_as else { return };
-        let off = {
-            let state = self.state();
-            state.stores_nothing || state.lost.is_some()
-        };
-        if off {
-            return;
-        }
+        let Some(key) = self.publishes() else { return };
         match self.server.store(&entry.key, &signed::seal(entry, key), values, cancel) {
             Ok(sent) => {
                 let mut state = self.state();

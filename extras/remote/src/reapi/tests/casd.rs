@@ -14,7 +14,12 @@ pub struct Casd {
     folder: TempDir,
     port: u16,
     child: Option<Child>,
+    /// True if it executes actions.
+    executes: bool,
 }
+
+/// The folders of this machine that programs in the sandbox of `buildbox-run` see, each with its path there.
+const MOUNTS: [&str; 4] = ["/usr:/usr", "/usr/lib:/lib", "/usr/lib64:/lib64", "/usr/bin:/bin"];
 
 impl Casd {
     /// Starts a server with an empty cache; `None` if the program is not available.
@@ -22,6 +27,24 @@ impl Casd {
     /// # Panics
     /// If the variable names a folder without the program.
     pub fn start() -> Option<Self> {
+        Self::of(false)
+    }
+
+    /// Starts a server that executes actions, two at a time; `None` if a program is not available, or if bubblewrap
+    /// may not create namespaces.
+    pub fn executing() -> Option<Self> {
+        let sandbox = Command::new("bwrap").args(["--ro-bind", "/", "/", "--unshare-all", "true"]).output();
+        if !sandbox.is_ok_and(|output| output.status.success()) {
+            #[allow(clippy::print_stderr, reason = "a test that is left out must say so")]
+            {
+                eprintln!("left out: bubblewrap is not installed or may not create namespaces");
+            }
+            return None;
+        }
+        Self::of(true)
+    }
+
+    fn of(executes: bool) -> Option<Self> {
         if std::env::var_os(VARIABLE).is_none() {
             // The name of the test that was left out is in the line above.
             #[allow(clippy::print_stderr, reason = "a test that is left out must say so")]
@@ -32,14 +55,22 @@ impl Casd {
         }
         let port =
             TcpListener::bind("127.0.0.1:0").and_then(|socket| socket.local_addr()).expect("a port").port();
-        let mut server = Self { folder: tempfile::tempdir().expect("a folder"), port, child: None };
+        let mut server = Self { folder: tempfile::tempdir().expect("a folder"), port, child: None, executes };
         server.resume();
         Some(server)
     }
 
     /// Starts the server, with the cache that it had before.
     pub fn resume(&mut self) {
-        let program = PathBuf::from(std::env::var_os(VARIABLE).expect("the variable")).join("buildbox-casd");
+        let programs = PathBuf::from(std::env::var_os(VARIABLE).expect("the variable"));
+        let program = programs.join("buildbox-casd");
+        let mut execution = Vec::new();
+        if self.executes {
+            let run = programs.join("buildbox-run");
+            execution.push(format!("--buildbox-run={}", run.display()));
+            execution.extend(["--jobs=2", "--cache-failures=false"].map(str::to_owned));
+            execution.extend(MOUNTS.map(|mount| format!("--runner-arg=--ro-bind-mount={mount}")));
+        }
         let child = Command::new(&program)
             .args([
                 "--bind",
@@ -49,6 +80,7 @@ impl Casd {
                 "--log-level",
                 "error",
             ])
+            .args(execution)
             .arg(self.folder.path())
             .stdout(Stdio::null())
             .stderr(Stdio::null())

@@ -10,7 +10,9 @@ use engine::{Engine, Event, Graph, Outcome, RunOptions, Source, SourceRoot, Stat
 use tempfile::TempDir;
 
 use crate::credentials::Credentials;
-use crate::reapi::{CallError, Retry, SharedCache, SharedCacheOptions, Traffic};
+use crate::reapi::{
+    CallError, Retry, ServerWorkers, SharedCache, SharedCacheOptions, Traffic, WorkerOptions, WorkerProgram,
+};
 use crate::secret_key::SecretKey;
 use crate::testing::registry;
 use crate::trusted_keys::TrustedKeys;
@@ -128,6 +130,44 @@ impl Client {
     pub fn run_until(&self, address: &str, watch: impl FnMut(&Event, &AtomicBool)) -> Ran {
         let shared = Arc::new(self.connect(address).unwrap_or_else(|error| panic!("{error}")));
         let ran = self.run_on(&self.engine().sharing(shared.clone()), watch);
+        Ran { traffic: shared.traffic(), ..ran }
+    }
+
+    /// Settings for the workers of the small server, which do not run the program that is sent.
+    pub fn worker_options(&self) -> WorkerOptions {
+        let program = self.path("program");
+        std::fs::write(&program, "a program").expect("writes");
+        WorkerOptions {
+            program: WorkerProgram::Sent(program),
+            arguments: vec!["action".to_owned()],
+            properties: Vec::new(),
+            memory: None,
+            in_flight: 4,
+            priority: 0,
+            timeout: None,
+            checked: 0.0,
+            canary: None,
+        }
+    }
+
+    /// Runs the graph with the workers of a server.
+    pub fn send(&self, address: &str, options: WorkerOptions) -> Ran {
+        self.send_until(address, options, |_, _| {})
+    }
+
+    /// Runs the graph with the workers of a server and calls `watch` for every event.
+    pub fn send_until(
+        &self,
+        address: &str,
+        options: WorkerOptions,
+        watch: impl FnMut(&Event, &AtomicBool),
+    ) -> Ran {
+        let engine = self.engine();
+        let shared = self.connect(address).unwrap_or_else(|error| panic!("{error}"));
+        let shared = Arc::new(shared.remember_in(engine.shared_store()));
+        let workers = ServerWorkers::new(shared.clone(), options).unwrap_or_else(|error| panic!("{error}"));
+        let engine = engine.sharing(shared.clone()).sending(Arc::new(workers));
+        let ran = self.run_on(&engine, watch);
         Ran { traffic: shared.traffic(), ..ran }
     }
 

@@ -7,20 +7,25 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use api::action_cache_server::{ActionCache, ActionCacheServer};
 use api::capabilities_server::{Capabilities, CapabilitiesServer};
 use api::content_addressable_storage_server::{ContentAddressableStorage, ContentAddressableStorageServer};
+use api::execution_server::ExecutionServer;
 use bazel_remote_apis::build::bazel::remote::execution::v2 as api;
 use bazel_remote_apis::google::bytestream::byte_stream_server::{ByteStream, ByteStreamServer};
 use bazel_remote_apis::google::bytestream::{
     QueryWriteStatusRequest, QueryWriteStatusResponse, ReadRequest, ReadResponse, WriteRequest, WriteResponse,
 };
-use bazel_remote_apis::google::rpc;
+use bazel_remote_apis::google::longrunning::Operation;
+use bazel_remote_apis::google::longrunning::operations_server::OperationsServer;
+use bazel_remote_apis::google::{protobuf, rpc};
 use tokio_stream::Stream;
 use tokio_stream::wrappers::TcpListenerStream;
 use tonic::service::InterceptorLayer;
 use tonic::transport::{Server, ServerTlsConfig};
 use tonic::{Code, Request, Response, Status, Streaming};
 
-type Answer<T> = Result<Response<T>, Status>;
-type Pieces<T> = Pin<Box<dyn Stream<Item = Result<T, Status>> + Send>>;
+use super::fake_workers::Fault;
+
+pub type Answer<T> = Result<Response<T>, Status>;
+pub type Pieces<T> = Pin<Box<dyn Stream<Item = Result<T, Status>> + Send>>;
 
 /// How the server behaves, and what happened.
 #[derive(Default)]
@@ -41,6 +46,15 @@ pub struct Script {
     pub calls: Vec<String>,
     pub blobs: BTreeMap<String, Vec<u8>>,
     pub results: BTreeMap<String, api::ActionResult>,
+    /// True if it executes actions.
+    pub executes: bool,
+    /// The failures of the next executions, in order. Without one, an execution succeeds.
+    pub faults: Vec<Fault>,
+    /// Operations that clients can wait for.
+    pub operations: BTreeMap<String, Operation>,
+    /// The platforms and the time limits of the actions so far.
+    pub platforms: Vec<api::Platform>,
+    pub timeouts: Vec<Option<protobuf::Duration>>,
     /// The largest batch and the largest piece so far, in bytes.
     pub largest: usize,
 }
@@ -52,8 +66,9 @@ pub struct Fake {
     _runtime: tokio::runtime::Runtime,
 }
 
+/// The services of the server.
 #[derive(Clone)]
-struct Service(Arc<Mutex<Script>>);
+pub struct Service(Arc<Mutex<Script>>);
 
 impl Fake {
     pub fn start(script: Script) -> Self {
@@ -86,6 +101,8 @@ impl Fake {
             .layer(InterceptorLayer::new(allowed))
             .add_service(CapabilitiesServer::new(service.clone()))
             .add_service(ActionCacheServer::new(service.clone()))
+            .add_service(ExecutionServer::new(service.clone()))
+            .add_service(OperationsServer::new(service.clone()))
             .add_service(
                 ContentAddressableStorageServer::new(service.clone()).max_decoding_message_size(64 << 20),
             )
@@ -106,7 +123,7 @@ impl Fake {
 
 impl Service {
     /// Notes a call, and fails it if the script says so.
-    fn begin(&self, call: &'static str) -> Result<MutexGuard<'_, Script>, Status> {
+    pub fn begin(&self, call: &'static str) -> Result<MutexGuard<'_, Script>, Status> {
         let mut script = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         script.calls.push(call.to_owned());
         let planned = script.failures.iter_mut().find(|(name, _, left)| *name == call && *left > 0);
@@ -139,7 +156,12 @@ impl Capabilities for Service {
             max_batch_total_size_bytes: script.batch,
             ..api::CacheCapabilities::default()
         };
-        let all = api::ServerCapabilities { cache_capabilities: Some(cache), ..Default::default() };
+        let execution = api::ExecutionCapabilities { exec_enabled: script.executes, ..Default::default() };
+        let all = api::ServerCapabilities {
+            cache_capabilities: Some(cache),
+            execution_capabilities: Some(execution),
+            ..Default::default()
+        };
         Ok(Response::new(all))
     }
 }

@@ -6,8 +6,12 @@
 
 mod answers;
 mod casd;
+mod casd_workers;
 mod client;
 mod encrypted;
+mod executing;
 mod fake;
+mod fake_workers;
 mod faults;
 mod sharing;
+mod worker_failures;
