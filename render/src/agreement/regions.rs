@@ -18,6 +18,12 @@ const CLIPPED: f64 = 1.5;
 /// outline.
 const FLOATS: f64 = 0.65;
 
+/// Distance, as a multiple of [`Spots::grain`], up to which splats show a surface beyond its edge, since they are
+/// blurred: two and a half standard deviations.
+const BEYOND: f64 = 1.25;
+/// Maximum of this distance in pixels.
+const BEYOND_PX: usize = 24;
+
 /// Parts of the views in which splats and mesh disagree.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Regions {
@@ -178,6 +184,17 @@ pub(super) fn missing(
     let mut usable: Vec<Vec<bool>> = sights.iter().map(|sight| vec![false; sight.depth.len()]).collect();
     spots.list.iter().for_each(|spot| usable[spot.sight][spot.pixel] = true);
     for (index, (sight, mesh)) in sights.iter().zip(depths).enumerate() {
+        let (width, height) = sight.size();
+        // True if the mesh has the surface right next to the pixel, and the splats show it beyond its edge.
+        let is_beyond_an_edge = |pixel: usize, apart: f64| {
+            let (splats, stretch) = (sight.depth[pixel], sight.ray(pixel).length());
+            let reach = (BEYOND * spots.grain * sight.camera.fx / splats) as usize;
+            let (reach, x, y) = (reach.min(BEYOND_PX), pixel % width, pixel / width);
+            let rows = y.saturating_sub(reach)..(y + reach + 1).min(height);
+            let columns = x.saturating_sub(reach)..(x + reach + 1).min(width);
+            rows.flat_map(|row| columns.clone().map(move |column| row * width + column))
+                .any(|other| (mesh[other] - splats).abs() * stretch <= apart)
+        };
         let lacks = |pixel: usize| {
             let (own, splats) = (mesh[pixel], sight.depth[pixel]);
             let ray = sight.ray(pixel);
@@ -192,6 +209,7 @@ pub(super) fn missing(
                 && behind
                 && point.cmpge(low - DVec3::splat(margin)).all()
                 && point.cmple(high + DVec3::splat(margin)).all()
+                && !is_beyond_an_edge(pixel, least)
         };
         let marked: Vec<bool> = (0..mesh.len()).map(lacks).collect();
         let own = parts(sight, index, &marked, &sight.depth);

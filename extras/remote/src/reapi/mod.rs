@@ -21,6 +21,7 @@ mod outputs;
 mod places;
 mod results;
 mod retry;
+mod sender;
 mod server;
 mod server_workers;
 mod shared_cache;

@@ -66,7 +66,7 @@ impl Places {
         let mut known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
         known.insert(*value, None);
         if let Some((store, table)) = &self.memo {
-            // An empty text is no place.
+            // An empty text marks a value without a place.
             store.history_put(table, &value.to_string(), &[]);
         }
     }

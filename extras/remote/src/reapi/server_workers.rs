@@ -2,7 +2,6 @@
 
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::{Duration, Instant};
 
 use bazel_remote_apis::build::bazel::remote::execution::v2 as api;
 use cache::Digest;
@@ -12,6 +11,7 @@ use super::call_error::CallError;
 use super::execution::{Ended, Execution};
 use super::failure::{Failure, failure};
 use super::outputs::{ENTRY, Outputs};
+use super::sender::Sender;
 use super::shared_cache::SharedCache;
 use super::work_action::WorkAction;
 use super::worker_options::WorkerOptions;
@@ -22,20 +22,13 @@ const STRIKES: u32 = 3;
 const OVERHEAD: f64 = 0.1;
 /// Expected speed of the connection in bytes per second, before any was measured.
 const SPEED: f64 = 50e6;
-/// Transfers of fewer bytes say little about the speed of the connection.
-const MEASURED_FROM: u64 = 1 << 20;
 
 /// The workers of a server.
 pub struct ServerWorkers {
-    pub(super) cache: Arc<SharedCache>,
-    pub(super) options: WorkerOptions,
+    sender: Sender,
     state: Mutex<State>,
     /// True if the canary was right; `None` before it was computed.
     proved: Mutex<Option<bool>>,
-    /// Held while inputs are sent, so that the same input is not sent several times at once.
-    pub(super) sending: Mutex<()>,
-    /// The place of the program, once it is known.
-    pub(super) program: Mutex<Option<api::Digest>>,
 }
 
 #[derive(Default)]
@@ -44,8 +37,6 @@ struct State {
     stopped: bool,
     /// Number of nodes in a row that no worker computed.
     strikes: u32,
-    /// Bytes and seconds of the large transfers so far.
-    sent: (u64, f64),
 }
 
 /// The result of one attempt.
@@ -84,30 +75,22 @@ impl ServerWorkers {
             let why = "the server stores results but executes no actions".to_owned();
             return Err(CallError::Refused { what: "computing nodes", why });
         }
-        let (sending, program) = (Mutex::default(), Mutex::default());
-        Ok(Self { cache, options, state: Mutex::default(), proved: Mutex::default(), sending, program })
+        let sender = Sender::new(cache, options);
+        Ok(Self { sender, state: Mutex::default(), proved: Mutex::default() })
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Records the time of a transfer to the server.
-    pub(super) fn measure(&self, bytes: u64, time: Duration) {
-        if bytes >= MEASURED_FROM {
-            let mut state = self.state();
-            state.sent = (state.sent.0 + bytes, state.sent.1 + time.as_secs_f64());
-        }
-    }
-
     /// True if the workers computed the canary, and the result was right. The first call waits for it.
     fn is_proved(&self, cancel: &AtomicBool) -> Result<bool, Stop> {
-        let Some(canary) = &self.options.canary else { return Ok(true) };
+        let Some(canary) = &self.sender.options.canary else { return Ok(true) };
         let mut proved = self.proved.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(proved) = *proved {
             return Ok(proved);
         }
-        if self.cache.places.was_proved_today(&canary.key) {
+        if self.sender.cache.places.was_proved_today(&canary.key) {
             *proved = Some(true);
             return Ok(true);
         }
@@ -121,7 +104,7 @@ impl ServerWorkers {
             // It is not a result of anybody's graph.
             checked: true,
         };
-        let first = self.options.memory.as_ref().and_then(|(_, amounts)| amounts.first().copied());
+        let first = self.sender.options.memory.as_ref().and_then(|(_, amounts)| amounts.first().copied());
         let right = match self.attempt(&request, first, cancel, &|_| ())? {
             Attempt::Work(Work::Done { entry, worker }) => {
                 let right = entry.blobs().is_ok_and(|values| values == canary.expected);
@@ -136,7 +119,7 @@ impl ServerWorkers {
             _ => false,
         };
         if right {
-            self.cache.places.prove(&canary.key);
+            self.sender.cache.places.prove(&canary.key);
         }
         self.state().stopped |= !right;
         *proved = Some(right);
@@ -146,7 +129,7 @@ impl ServerWorkers {
     /// Reports why no worker computed a node, which is then computed here. After several nodes in a row, no further
     /// ones are sent.
     fn refuse(&self, id: &'static str, why: &str) -> Result<Work, NodeError> {
-        let address = self.cache.address();
+        let address = self.sender.cache.address();
         let stops = {
             let mut state = self.state();
             state.strikes += 1;
@@ -154,15 +137,15 @@ impl ServerWorkers {
             state.stopped |= stops;
             stops
         };
-        if !self.cache.has_fallback() {
+        if !self.sender.cache.has_fallback() {
             return Err(NodeError::new(format!("no worker of {address} computed the node: {why}"))
                 .hint("run without `--no-remote-fallback` to compute such nodes here"));
         }
         let text = format!("{address}: {why}; the node is computed here");
-        self.cache.remark(id, format!("{text} (further nodes like this one are not reported)"));
+        self.sender.cache.remark(id, format!("{text} (further nodes like this one are not reported)"));
         if stops {
             let text = format!("{address}: {STRIKES} nodes in a row failed; no further nodes are sent there");
-            self.cache.remark("remote-stopped", text);
+            self.sender.cache.remark("remote-stopped", text);
         }
         Ok(Work::Refused)
     }
@@ -175,21 +158,21 @@ impl ServerWorkers {
         cancel: &AtomicBool,
         report: &dyn Fn(Stage),
     ) -> Result<Attempt, Stop> {
-        let Some(work) = WorkAction::of(self, request, memory)? else {
+        let Some(work) = WorkAction::of(&self.sender, request, memory)? else {
             return Ok(Attempt::Work(Work::Missing));
         };
         for _ in 0..2 {
             report(Stage::Sending);
-            if !work.send(self, request, cancel)? {
+            if !work.send(&self.sender, request, cancel)? {
                 return Ok(Attempt::Work(Work::Missing));
             }
             report(Stage::Queued);
             let execution = Execution {
                 action: &work.action,
-                priority: self.options.priority,
+                priority: self.sender.options.priority,
                 inlined: &super::outputs::path(request.entry),
             };
-            let result = match self.cache.server().execute(&execution, cancel, report)? {
+            let result = match self.sender.cache.server().execute(&execution, cancel, report)? {
                 Ended::Ran(result) => *result,
                 Ended::Missing => continue,
                 Ended::TimedOut => {
@@ -212,7 +195,7 @@ impl ServerWorkers {
         request: &WorkRequest<'_>,
         cancel: &AtomicBool,
     ) -> Result<Attempt, Stop> {
-        let server = self.cache.server();
+        let server = self.sender.cache.server();
         // 3 is the code of a degraded result.
         if !matches!(result.exit_code, 0 | 3) {
             let out = server.text(&result.stdout_raw, result.stdout_digest.as_ref(), cancel);
@@ -234,24 +217,24 @@ impl ServerWorkers {
             }
         };
         for (value, place) in &places {
-            self.cache.places.put(*value, place.clone());
+            self.sender.cache.places.put(*value, place.clone());
         }
         self.state().strikes = 0;
-        self.cache.count(|traffic| traffic.executed += 1);
+        self.sender.cache.count(|traffic| traffic.executed += 1);
         if !request.checked {
-            self.cache.publish_entry(&entry, &places, cancel);
+            self.sender.cache.publish_entry(&entry, &places, cancel);
         }
         let named = result.execution_metadata.as_ref().map(|metadata| metadata.worker.as_str());
         let worker = match named.unwrap_or_default() {
-            "" => format!("a worker of {}", self.cache.address()),
-            name => format!("the worker `{name}` of {}", self.cache.address()),
+            "" => format!("a worker of {}", self.sender.cache.address()),
+            name => format!("the worker `{name}` of {}", self.sender.cache.address()),
         };
         Ok(Attempt::Work(Work::Done { entry: Box::new(entry), worker }))
     }
 
     /// The amount of memory in GiB to ask for after a worker had too little; `None` if there is no larger one.
     fn more_memory(&self, had: Option<u32>, needs: Option<u64>) -> Option<u32> {
-        let (_, amounts) = self.options.memory.as_ref()?;
+        let (_, amounts) = self.sender.options.memory.as_ref()?;
         let enough = |gib: u32| needs.is_none_or(|needs| u64::from(gib) << 30 >= needs);
         amounts.iter().copied().find(|gib| had.is_none_or(|had| *gib > had) && enough(*gib))
     }
@@ -260,17 +243,16 @@ impl ServerWorkers {
 impl Workers for ServerWorkers {
     fn terms(&self) -> Option<WorkerTerms> {
         let state = self.state();
-        if state.stopped || self.cache.is_lost() {
+        if state.stopped || self.sender.cache.is_lost() {
             return None;
         }
-        let (bytes, seconds) = state.sent;
-        let speed = if seconds > 0.0 { bytes as f64 / seconds } else { SPEED };
-        let WorkerOptions { in_flight, checked, .. } = self.options;
+        let speed = self.sender.speed().unwrap_or(SPEED);
+        let WorkerOptions { in_flight, checked, .. } = self.sender.options;
         Some(WorkerTerms { in_flight, overhead: OVERHEAD, speed, checked })
     }
 
     fn holds(&self, value: &Digest) -> bool {
-        self.cache.places.get(value).is_some()
+        self.sender.cache.places.get(value).is_some()
     }
 
     fn compute(
@@ -279,10 +261,10 @@ impl Workers for ServerWorkers {
         cancel: &AtomicBool,
         report: &dyn Fn(Stage),
     ) -> Result<Work, NodeError> {
-        if let Some(lost) = self.cache.without::<()>() {
+        if let Some(lost) = self.sender.cache.without::<()>() {
             return lost.map(|_| Work::Refused);
         }
-        let first = self.options.memory.as_ref().and_then(|(_, amounts)| amounts.first().copied());
+        let first = self.sender.options.memory.as_ref().and_then(|(_, amounts)| amounts.first().copied());
         let attempt = |memory| match self.is_proved(cancel)? {
             true => self.attempt(request, memory, cancel, report),
             false => Ok(Attempt::Work(Work::Refused)),
@@ -304,19 +286,15 @@ impl Workers for ServerWorkers {
             Err(Stop::Call(error @ (CallError::Refused { .. } | CallError::Wrong { .. }))) => {
                 self.refuse("remote-refused", &error.to_string())
             }
-            Err(Stop::Call(error)) => self.cache.failed::<()>(&error).map(|_| Work::Refused),
+            Err(Stop::Call(error)) => self.sender.cache.failed::<()>(&error).map(|_| Work::Refused),
         }
     }
 
     fn distrust(&self, why: &str) {
         self.state().stopped = true;
-        let address = self.cache.address();
-        self.cache.remark("remote-differs", format!("{address}: {why}; no further nodes are sent there"));
+        let address = self.sender.cache.address();
+        self.sender
+            .cache
+            .remark("remote-differs", format!("{address}: {why}; no further nodes are sent there"));
     }
-}
-
-/// Measures a transfer.
-pub(super) fn timed<T>(transfer: impl FnOnce() -> T) -> (T, Duration) {
-    let begin = Instant::now();
-    (transfer(), begin.elapsed())
 }

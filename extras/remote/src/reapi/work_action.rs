@@ -1,9 +1,7 @@
 //! A node as an action: its command, its input folder, and the sending of what the server lacks.
 
-use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{MutexGuard, PoisonError, TryLockError};
+use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 use bazel_remote_apis::build::bazel::remote::execution::v2 as api;
@@ -15,20 +13,17 @@ use prost::Message;
 use super::blobs::Upload;
 use super::call_error::CallError;
 use super::outputs;
-use super::server_workers::{ServerWorkers, timed};
+use super::sender::{Sender, WHAT, read, timed};
 use super::tree::Folder;
 use super::worker_options::WorkerProgram;
 
 /// Name of the program in the input folder. It is not in a folder of its own, since in the sandboxes of some servers the
 /// input folder is `/`, with folders such as `bin` of the worker in it.
 const PROGRAM: &str = "lightharmony";
-const WHAT: &str = "sending a node";
 /// Time limits are multiples of this, so that nearly equal forecasts give equal actions.
 const HOUR: u64 = 3600;
 /// The time limit is this many times the forecast.
 const SLOWER: f64 = 10.0;
-/// Interval at which a thread that waits for another one checks whether the run was cancelled.
-const LOOK: Duration = Duration::from_millis(5);
 
 /// The origin of the bytes of an input.
 enum Origin {
@@ -49,11 +44,11 @@ impl WorkAction {
     /// The action of a node. `memory` is the amount of memory in GiB that a worker must have. `None` if the bytes of
     /// an input are needed, but are not here.
     pub fn of(
-        workers: &ServerWorkers,
+        sender: &Sender,
         request: &WorkRequest<'_>,
         memory: Option<u32>,
     ) -> Result<Option<Self>, CallError> {
-        let function = workers.cache.server().function;
+        let function = sender.cache.server().function;
         let (mut folder, mut inputs) = (Folder::default(), Vec::new());
         for file in request.files {
             let (digest, origin) = match &file.content {
@@ -62,13 +57,13 @@ impl WorkAction {
                     (function.of_bytes(&bytes), Origin::Bytes(bytes))
                 }
                 WorkContent::Value(value) => {
-                    let place = workers.cache.places.get(value);
+                    let place = sender.cache.places.get(value);
                     let here = || (request.bytes)(value).map(|bytes| function.of_bytes(&bytes));
                     let Some(place) = place.or_else(here) else { return Ok(None) };
                     (place, Origin::Value(*value))
                 }
                 WorkContent::File { path, digest } => {
-                    let place = match workers.cache.places.get(digest) {
+                    let place = match sender.cache.places.get(digest) {
                         Some(place) => place,
                         None => function.of_bytes(&read_file(path, digest)?),
                     };
@@ -81,11 +76,11 @@ impl WorkAction {
             }
             inputs.push((digest, origin));
         }
-        let options = &workers.options;
+        let options = &sender.options;
         let program = match &options.program {
             WorkerProgram::Installed(program) => program.clone(),
             WorkerProgram::Sent(path) => {
-                let digest = workers.program_place(path)?;
+                let digest = sender.program_place(path)?;
                 folder.add(PROGRAM, digest.clone(), true);
                 inputs.push((digest, Origin::Program(path.clone())));
                 format!("./{PROGRAM}")
@@ -93,7 +88,7 @@ impl WorkAction {
         };
         let mut blobs = Vec::new();
         let root = folder.digest(function, &mut blobs);
-        let platform = platform(workers, memory);
+        let platform = platform(sender, memory);
         let mut paths: Vec<String> = [request.entry]
             .into_iter()
             .chain(request.values.iter().map(String::as_str))
@@ -127,18 +122,18 @@ impl WorkAction {
     /// Sends the inputs that the server does not have. Returns false if the bytes of one of them are not here.
     pub fn send(
         &self,
-        workers: &ServerWorkers,
+        sender: &Sender,
         request: &WorkRequest<'_>,
         cancel: &AtomicBool,
     ) -> Result<bool, CallError> {
-        let server = workers.cache.server();
+        let server = sender.cache.server();
         let digests: Vec<&api::Digest> = self.inputs.iter().map(|(digest, _)| digest).collect();
         let mut missing = server.missing(&digests, cancel)?;
         let guard = match missing.is_empty() {
             true => None,
             false => {
                 // Another thread may be sending the same inputs.
-                let guard = workers.turn(cancel)?;
+                let guard = sender.turn(cancel)?;
                 missing = server.missing(&digests, cancel)?;
                 Some(guard)
             }
@@ -158,7 +153,7 @@ impl WorkAction {
                     Origin::Value(value) => match (request.bytes)(value) {
                         Some(bytes) => bytes,
                         None => {
-                            workers.cache.places.remove(value);
+                            sender.cache.places.remove(value);
                             return Ok(false);
                         }
                     },
@@ -166,7 +161,7 @@ impl WorkAction {
                 if server.function.of_bytes(&bytes) != *digest {
                     let why = "an input has changed, or has another digest than the server stated".to_owned();
                     if let Origin::Value(value) = origin {
-                        workers.cache.places.remove(value);
+                        sender.cache.places.remove(value);
                     }
                     return Err(CallError::Refused { what: WHAT, why });
                 }
@@ -183,52 +178,18 @@ impl WorkAction {
             Ok(true)
         });
         drop(guard);
-        workers.cache.count(|traffic| traffic.bytes_up += sent);
-        workers.measure(sent, time);
+        sender.cache.count(|traffic| traffic.bytes_up += sent);
+        sender.measure(sent, time);
         if !whole? {
             return Ok(false);
         }
         for (digest, origin) in &self.inputs {
             if let Origin::Value(value) | Origin::File(_, value) = origin {
-                workers.cache.places.put(*value, digest.clone());
+                sender.cache.places.put(*value, digest.clone());
             }
         }
         Ok(true)
     }
-}
-
-impl ServerWorkers {
-    /// The place of the program. The file is read once.
-    fn program_place(&self, path: &Path) -> Result<api::Digest, CallError> {
-        let mut known = self.program.lock().unwrap_or_else(PoisonError::into_inner);
-        match &*known {
-            Some(place) => Ok(place.clone()),
-            None => {
-                let place = self.cache.server().function.of_bytes(&read(path)?);
-                Ok(known.insert(place).clone())
-            }
-        }
-    }
-
-    /// Waits until no other thread sends inputs.
-    fn turn(&self, cancel: &AtomicBool) -> Result<MutexGuard<'_, ()>, CallError> {
-        loop {
-            match self.sending.try_lock() {
-                Ok(guard) => return Ok(guard),
-                Err(TryLockError::Poisoned(guard)) => return Ok(guard.into_inner()),
-                Err(TryLockError::WouldBlock) if cancel.load(Ordering::Relaxed) => {
-                    return Err(CallError::Cancelled);
-                }
-                Err(TryLockError::WouldBlock) => std::thread::sleep(LOOK),
-            }
-        }
-    }
-}
-
-fn read(path: &Path) -> Result<Vec<u8>, CallError> {
-    let refused =
-        |error| CallError::Refused { what: WHAT, why: format!("cannot read `{}`: {error}", path.display()) };
-    fs::read(path).map_err(refused)
 }
 
 /// Reads a source file that must have the digest `digest`.
@@ -242,8 +203,8 @@ fn read_file(path: &Path, digest: &Digest) -> Result<Vec<u8>, CallError> {
 }
 
 /// The platform that the worker must have.
-fn platform(workers: &ServerWorkers, memory: Option<u32>) -> Option<api::Platform> {
-    let options = &workers.options;
+fn platform(sender: &Sender, memory: Option<u32>) -> Option<api::Platform> {
+    let options = &sender.options;
     let mut properties = options.properties.clone();
     if let (Some((name, _)), Some(memory)) = (&options.memory, memory) {
         properties.push((name.clone(), memory.to_string()));

@@ -66,9 +66,16 @@ pub(super) fn level(file: &str, bytes: &[u8], wanted: u32) -> Result<DetailLevel
     let lod: Lod = serde_json::from_slice(json_text(bytes))
         .map_err(|e| wrong(format!("not the `{NAME}` of a streamed SOG: {e}")))?;
     let mut rows: BTreeMap<usize, Vec<(u64, u64)>> = BTreeMap::new();
-    let (mut levels, mut open) = (BTreeSet::new(), vec![&lod.tree]);
-    while let Some(node) = open.pop() {
-        open.extend(node.children.iter().rev());
+    // Each region with the information whether it lies inside a region that has levels.
+    let (mut levels, mut open) = (BTreeSet::new(), vec![(&lod.tree, false)]);
+    while let Some((node, is_inside)) = open.pop() {
+        if is_inside && !node.lods.is_empty() {
+            let text =
+                "a region with levels lies inside another one, so it is not known which of them to draw";
+            return Err(wrong(text.to_owned()));
+        }
+        let is_inside = is_inside || !node.lods.is_empty();
+        open.extend(node.children.iter().rev().map(|child| (child, is_inside)));
         let mut own = BTreeMap::new();
         for (name, span) in &node.lods {
             let level: u32 = name.parse().map_err(|_| wrong(format!("`{name}` is not a level number")))?;
@@ -93,7 +100,7 @@ pub(super) fn level(file: &str, bytes: &[u8], wanted: u32) -> Result<DetailLevel
     if levels.is_empty() {
         return Err(wrong("no region of the scene has a level".to_owned()));
     }
-    if !levels.contains(&wanted) {
+    if levels.last().is_some_and(|coarsest| wanted > *coarsest) {
         let known: Vec<String> = levels.iter().map(u32::to_string).collect();
         return Err(wrong(format!("the scene has no level {wanted}; its levels are {}", known.join(", "))));
     }
@@ -156,6 +163,11 @@ mod tests {
             of(SCENE, 2),
             Ok(vec![file("1_0/meta.json", &[(0, 5)]), file("2_0/meta.json", &[(3, 5)])])
         );
+        // The finest level that exists.
+        let coarse =
+            SCENE.replace("\"0\":", "\"4\":").replace("\"1\":", "\"3\":").replace("\"2\":", "\"5\":");
+        let finest = of(&coarse, 0).expect("is read");
+        assert_eq!(finest, vec![file("0_0/meta.json", &[(10, 17)]), file("1_0/meta.json", &[(0, 5)])]);
         // Exporters on Windows write backslashes.
         let windows = SCENE.replace("0_0/meta.json", "0_0\\\\meta.json");
         assert_eq!(of(&windows, 0), Ok(vec![file("0_0/meta.json", &[(0, 17)])]));
@@ -189,6 +201,12 @@ mod tests {
         let pointer = "version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 3\n";
         assert!(of(pointer, 0).is_err_and(|e| e.contains("git lfs pull")));
         assert!(of(SCENE, 3).is_err_and(|e| e.contains("its levels are 0, 1, 2")));
+        let nested = SCENE.replacen(
+            "\"bound\": {}, ",
+            "\"lods\": {\"1\": {\"file\": 1, \"offset\": 9, \"count\": 1}}, ",
+            1,
+        );
+        assert!(of(&nested, 0).is_err_and(|e| e.contains("lies inside another one")));
         assert!(is_streamed(SCENE.as_bytes()) && !is_streamed(b"{\"means\": 1}"));
         // A tree that is too deep causes an error in the parser, not a stack overflow.
         let deep = format!("{}{}", "{\"children\":[".repeat(5000), "{}");
