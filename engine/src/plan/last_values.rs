@@ -64,6 +64,18 @@ impl Engine {
         guarded(|| Ok(decode_all(&bytes)?)).ok()
     }
 
+    /// Same as [`value`](Self::value), but `None` if a node whose values are stored would have to run. Its values are
+    /// elsewhere, for example on a server, or were removed.
+    pub fn value_at_hand<A: Artifact>(&self, graph: &Graph, wire: Wire) -> Option<A> {
+        let output = self.last_output(graph, wire)?;
+        let is_stored = self.store.has_blob(&output.digest);
+        let stays = |node: usize| graph.nodes[node].kind.store == Keep::Always;
+        if !is_stored && self.nodes_to_run(graph, wire).into_iter().any(stays) {
+            return None;
+        }
+        self.value(graph, wire)
+    }
+
     /// The canonical bytes of an output whose digest is known: from the store, or computed again from the results
     /// of the last run of the graph.
     pub(crate) fn encoded(&self, graph: &Graph, wire: Wire, output: &Output) -> Option<Vec<u8>> {
@@ -81,7 +93,8 @@ impl Engine {
         record.outputs.get(wire.port).cloned()
     }
 
-    fn made_again(&self, graph: &Graph, wire: Wire) -> Option<AnyArtifact> {
+    /// The nodes that must run for a value that is not in the store, in the order of the graph.
+    fn nodes_to_run(&self, graph: &Graph, wire: Wire) -> Vec<usize> {
         // The values of results that machines share may be elsewhere.
         let kept = |node: usize| {
             let here = |output: &Output| self.store.has_blob(&output.digest);
@@ -97,8 +110,12 @@ impl Engine {
                 graph.reads(node).iter().for_each(|&above| runs[above] |= !kept(above));
             }
         }
+        graph.order().iter().copied().filter(|&index| runs[index]).collect()
+    }
+
+    fn made_again(&self, graph: &Graph, wire: Wire) -> Option<AnyArtifact> {
         let mut made: BTreeMap<usize, Vec<AnyArtifact>> = BTreeMap::new();
-        for &index in graph.order().iter().filter(|&&index| runs[index]) {
+        for index in self.nodes_to_run(graph, wire) {
             let node = &graph.nodes[index];
             let input = |from: &Wire| match made.get(&from.node) {
                 Some(values) => values.get(from.port).cloned(),

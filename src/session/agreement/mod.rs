@@ -116,11 +116,12 @@ fn is_made_of_splats(graph: &Graph, mesh: usize) -> bool {
 /// Compares splats and mesh in the views of the cameras and around the objects. Returns `None` if a value is not in
 /// the cache, and `Some(None)` if there is nothing to compare.
 fn of_pair(engine: &Engine, graph: &Graph, pair: &Pair) -> Option<Option<Comparison>> {
-    let splats = engine.value::<Splats>(graph, pair.splats)?;
-    let mesh = engine.value::<Mesh>(graph, pair.mesh)?;
-    let rigs = pair.rigs.iter().filter_map(|&wire| engine.value::<Rig>(graph, wire));
+    // The run may have left values on a server; computing them here would take as long as the run.
+    let splats = engine.value_at_hand::<Splats>(graph, pair.splats)?;
+    let mesh = engine.value_at_hand::<Mesh>(graph, pair.mesh)?;
+    let rigs = pair.rigs.iter().filter_map(|&wire| engine.value_at_hand::<Rig>(graph, wire));
     let cameras: Vec<_> = rigs.flat_map(|rig| rig.cameras).collect();
-    let objects = pair.objects.iter().filter_map(|&wire| engine.value::<Placed>(graph, wire));
+    let objects = pair.objects.iter().filter_map(|&wire| engine.value_at_hand::<Placed>(graph, wire));
     let around: Vec<DVec3> = objects.filter_map(|placed| middle(&placed)).collect();
     let Scene { up, metres_per_unit, .. } = graph.scene;
     let place = CapturedPlace {
