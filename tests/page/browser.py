@@ -406,9 +406,8 @@ def follows(b, p):
         until(lambda: f"gamma: {gamma}" in b.text("#text"), "the text follows")
         took.append(time.monotonic() - begin)
         ready(b)
-    more = allowance()
-    print(f"    {show(took)} s after a save; limit times {more:.1f}")
-    check(middle(took) < FOLLOWS * more, f"{show(took)} s after a save, limit {FOLLOWS} s times {more:.1f}")
+    print(f"    {show(took)} s after a save")
+    check(max(took) < FOLLOWS, f"{show(took)} s after a save, limit {FOLLOWS} s")
     b.click("#tab-graph")
 
 

@@ -66,11 +66,16 @@ impl Kind for Double {
     type In = One;
     type Out = Doubled;
     fn run(_params: &Self, inputs: One, _cx: &Context) -> Result<(Doubled, Notes), NodeError> {
-        let numbers = inputs.of.0.iter().map(|number| number * 2).collect();
-        let mut notes = Notes::none();
-        notes.warning("doubled", "twice as large");
-        Ok((Doubled { numbers: Arc::new(Numbers(numbers)) }, notes))
+        Ok(multiplied(&inputs, 2))
     }
+}
+
+/// The result of [`Double`], with any factor.
+fn multiplied(inputs: &One, by: u32) -> (Doubled, Notes) {
+    let numbers = inputs.of.0.iter().map(|number| number * by).collect();
+    let mut notes = Notes::none();
+    notes.warning("doubled", "twice as large");
+    (Doubled { numbers: Arc::new(Numbers(numbers)) }, notes)
 }
 
 engine::params! {
@@ -107,10 +112,7 @@ impl Kind for Triple {
     type In = One;
     type Out = Doubled;
     fn run(_params: &Self, inputs: One, _cx: &Context) -> Result<(Doubled, Notes), NodeError> {
-        let numbers = inputs.of.0.iter().map(|number| number * 3).collect();
-        let mut notes = Notes::none();
-        notes.warning("doubled", "twice as large");
-        Ok((Doubled { numbers: Arc::new(Numbers(numbers)) }, notes))
+        Ok(multiplied(&inputs, 3))
     }
 }
 

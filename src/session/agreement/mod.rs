@@ -119,10 +119,12 @@ fn of_pair(engine: &Engine, graph: &Graph, pair: &Pair) -> Option<Option<Compari
     // The run may have left values on a server; computing them here would take as long as the run.
     let splats = engine.value_at_hand::<Splats>(graph, pair.splats)?;
     let mesh = engine.value_at_hand::<Mesh>(graph, pair.mesh)?;
-    let rigs = pair.rigs.iter().filter_map(|&wire| engine.value_at_hand::<Rig>(graph, wire));
-    let cameras: Vec<_> = rigs.flat_map(|rig| rig.cameras).collect();
-    let objects = pair.objects.iter().filter_map(|&wire| engine.value_at_hand::<Placed>(graph, wire));
-    let around: Vec<DVec3> = objects.filter_map(|placed| middle(&placed)).collect();
+    let rigs = pair.rigs.iter().map(|&wire| engine.value_at_hand::<Rig>(graph, wire));
+    let rigs = rigs.collect::<Option<Vec<Rig>>>()?;
+    let cameras: Vec<_> = rigs.into_iter().flat_map(|rig| rig.cameras).collect();
+    let objects = pair.objects.iter().map(|&wire| engine.value_at_hand::<Placed>(graph, wire));
+    let objects = objects.collect::<Option<Vec<Placed>>>()?;
+    let around: Vec<DVec3> = objects.iter().filter_map(middle).collect();
     let Scene { up, metres_per_unit, .. } = graph.scene;
     let place = CapturedPlace {
         splats: &splats,

@@ -79,7 +79,7 @@ const CANARY: &str = r#"Graph(version: 1, scene: (up: "+z", metres_per_unit: 1.0
     ),
 ))"#;
 /// The digests of the outputs of the canary, in the order of the outputs of `demo-scene`. They change with its version;
-/// the test `remote` of the program shows the new ones.
+/// the test of this file prints the new ones.
 const EXPECTED: [&str; 6] = [
     "cdfa9f59287f6047d6453104e544be4c0bb816eaee4915c59d5083cafa06a40a",
     "563b397711dd6ac75cd56942a1b7082b8ee867775fa62f0ebf88a6efd75173a7",
@@ -89,9 +89,13 @@ const EXPECTED: [&str; 6] = [
     "1a7e7c5d3ba90d8a4d6ad742c059e24caeddc4f60990891a40c35fd576a4f6e0",
 ];
 
-fn canary() -> Result<Canary, Error> {
+fn graph() -> Result<Graph, Error> {
     let source = Source::new("canary.ron", CANARY);
-    let graph = Graph::parse(source, &nodes::registry(), SourceRoot::new(".")).map_err(Error::Graph)?;
+    Graph::parse(source, &nodes::registry(), SourceRoot::new(".")).map_err(Error::Graph)
+}
+
+fn canary() -> Result<Canary, Error> {
+    let graph = graph()?;
     let expected = EXPECTED.iter().filter_map(|hex| Digest::from_hex(hex)).collect();
     Canary::new(&graph, expected).map_err(|error| Error::usage(error.to_string()))
 }
@@ -106,4 +110,26 @@ fn fraction(text: &str) -> Result<f64, Error> {
     value.filter(|value| (0.0..=1.0).contains(value)).ok_or_else(|| {
         Error::usage(format!("`{text}` is not a share; write a number from 0% to 100%, such as 2%"))
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use engine::{Engine, RunOptions, StoredOutput};
+
+    use super::*;
+
+    /// This machine computes the digests that workers must return. This test fails if a digest is wrong, or if the key of
+    /// the canary is not that of the node.
+    #[test]
+    fn the_canary_has_the_digests_that_this_machine_computes() {
+        let (graph, canary) = (graph().expect("is valid"), canary().expect("has a key"));
+        let engine = Engine::new(cache::Store::in_memory(), 2, 1 << 30);
+        let options = RunOptions { only: vec![0], ..RunOptions::default() };
+        engine.run(&std::sync::Arc::new(graph.clone()), &options, |_| ());
+        let outputs =
+            engine.outputs(&graph.nodes[0], &canary.key).expect("the node ran, with the key of the canary");
+        let digests: Vec<Digest> = outputs.iter().map(|StoredOutput { digest, .. }| *digest).collect();
+        let shown: Vec<String> = digests.iter().map(Digest::to_string).collect();
+        assert_eq!(canary.expected, digests, "the digests are now {shown:#?}");
+    }
 }
