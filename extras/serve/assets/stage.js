@@ -3,7 +3,7 @@ import { $, el, show } from "./dom.js";
 import { bytes, json } from "./server.js";
 import { distance, dot, unpacked, View } from "./space.js";
 
-// `page` is the page as `Place` has it, `solid` draws, and `redraw` asks for a frame. `arrived` is called with each new
+// `page` is the page as `Place` has it, `solid` draws, and `redraw` asks for a frame. `arrived` is called with each
 // description of the place, before its splats and meshes are there, and `settled` when they are.
 export function Stage({ page, solid, redraw, arrived, settled }) {
   const stage = {
@@ -69,7 +69,7 @@ export function Stage({ page, solid, redraw, arrived, settled }) {
       if (next && (signature !== taken || stage.override || stage.follow)) {
         taken = signature;
         await take(next);
-      }
+      } else if (next) arrived();
       missing();
     } catch (error) {
       taken = "";

@@ -10,11 +10,15 @@ export function Starter(stage, things, pointer) {
   let wanted = "";
   // True from the writing of the first graph until its object is shown.
   let fresh = false;
+  // True while the server turns the place.
+  let turning = false;
 
   function draw() {
     const { start, metres_per_unit: scale } = stage.scene;
     const signature = JSON.stringify([start, scale]);
-    if (signature === shown) return;
+    // A chosen axis that was undone before its graph was here leaves the same description, but the list shows the axis.
+    const other = start && !turning && $("start-up") && $("start-up").value !== (start.up ?? "");
+    if (signature === shown && !other) return;
     shown = signature;
     $("start").hidden = !start;
     if (!start) return;
@@ -39,7 +43,9 @@ export function Starter(stage, things, pointer) {
   // Writes a graph in which another axis of the capture points up. The camera is then another one.
   async function turned(axis) {
     note("Turning the place ..");
+    turning = true;
     const good = await page.turn(axis);
+    turning = false;
     note("");
     if (good === null) shown = "";
     else stage.looked = false;

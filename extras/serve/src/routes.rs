@@ -228,21 +228,25 @@ type Pair = (String, usize, String, usize);
 async fn compared(
     live: Arc<Live>,
     (a, i, b, j): Pair,
-    part: impl FnOnce(&Difference) -> Option<Response> + Send + 'static,
+    part: impl FnOnce(Result<&Difference, &String>) -> Option<Response> + Send + 'static,
 ) -> Response {
     let found = tokio::task::spawn_blocking(move || live.difference(&(a, i), &(b, j))).await;
     match found {
-        Ok(Some(Ok(found))) => part(&found).unwrap_or_else(|| missing("pictures of data have no FLIP")),
-        Ok(Some(Err(why))) => {
-            (StatusCode::UNPROCESSABLE_ENTITY, Json(json!({"code": "fixed", "why": why}))).into_response()
-        }
+        Ok(Some(found)) => part(found.as_deref()).unwrap_or_else(|| missing("these pictures have no FLIP")),
         Ok(None) => missing(GONE),
         Err(_) => failed("the pictures cannot be compared"),
     }
 }
 
 async fn difference(State(live): Shared, Path(pair): Path<Pair>) -> Response {
-    let part = |found: &Difference| {
+    let part = |found: Result<&Difference, &String>| {
+        // The page shows pictures that cannot be compared as well, so this is an answer.
+        let found = match found {
+            Ok(found) => found,
+            Err(why) => {
+                return Some(Json(json!({"report": {"tables": []}, "notes": [why], "flip": null})).into_response());
+            }
+        };
         let size = found.flip.as_ref().map(|flip| [flip.size().0, flip.size().1]);
         Some(Json(json!({"report": found.report, "notes": found.notes, "flip": size})).into_response())
     };
@@ -251,9 +255,9 @@ async fn difference(State(live): Shared, Path(pair): Path<Pair>) -> Response {
 
 /// FLIP of each pixel as little-endian f32, row by row.
 async fn flip(State(live): Shared, Path(pair): Path<Pair>) -> Response {
-    let part = |found: &Difference| {
+    let part = |found: Result<&Difference, &String>| {
         let kind = (header::CONTENT_TYPE, "application/octet-stream");
-        Some(([kind, (IMMUTABLE.0, IMMUTABLE.1)], floats(found.flip.as_ref()?)).into_response())
+        Some(([kind, (IMMUTABLE.0, IMMUTABLE.1)], floats(found.ok()?.flip.as_ref()?)).into_response())
     };
     compared(live, pair, part).await
 }
