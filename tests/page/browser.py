@@ -736,9 +736,9 @@ def turns(b, p):
     b.js("document.getElementById('space').focus()")
     for key in ("\ue014", "\ue014", "."):
         b.keys(key)
-    until(lambda: p.text() != dropped, "the steps are written")
-    (x, y, z), yaw, scale = pose(p)
-    check((round(x, 4), yaw) == (0.0, -29.0), f"two steps and a turn: {pose(p)}")
+    # Keys that follow each other within a moment are one edit; on a busy machine they are several.
+    stepped = lambda: (round(pose(p)[0][0], 4), pose(p)[1]) == (0.0, -29.0)
+    until(stepped, lambda: f"two steps and a turn: {pose(p)}")
     only_pose_differs(before, p.text())
 
 

@@ -74,8 +74,8 @@ export function Edits(page, marked, refused) {
         await post("/try", next);
         await Promise.race([preview, new Promise((go) => { setTimeout(go, PATIENCE); })]);
       } catch (error) {
-        if (trying === next) trying = null;
-        page.notify(error.message);
+        // A trial that an edit has overtaken may find another text.
+        if (trying === next) page.notify(error.message);
       }
       if (trying === next) trying = null;
     }

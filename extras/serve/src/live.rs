@@ -317,9 +317,9 @@ impl Live {
         let digest = {
             let mut editor = lock(&self.editor);
             write(&mut editor)?;
+            lock(&self.tried).clear();
             digest_of(editor.history().text())
         };
-        lock(&self.tried).clear();
         self.look();
         self.send_history();
         Ok(json!({"digest": digest}))
@@ -329,11 +329,14 @@ impl Live {
     /// or an edit is made.
     pub fn try_value(&self, edit: &Edit) -> Result<Value, Refused> {
         let (graph, tried) = (self.graph()?, self.tried_of(&edit.node));
-        let Edited { whole, .. } = lock(&self.editor).edited(&graph, edit, &tried)?;
+        // Held until the value is set: an edit drops the trials of the text before it, and none may come after.
+        let editor = lock(&self.editor);
+        let Edited { whole, .. } = editor.edited(&graph, edit, &tried)?;
         let missing = || Refused::Fixed { why: "the request does not contain a value to try".to_owned() };
         let whole = whole.into_iter().map(|(field, value)| Some(((edit.node.clone(), field), value?)));
         let whole: Vec<_> = whole.collect::<Option<_>>().ok_or_else(missing)?;
         lock(&self.tried).extend(whole);
+        drop(editor);
         self.look();
         Ok(json!({"tried": true}))
     }

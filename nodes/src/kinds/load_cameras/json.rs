@@ -174,9 +174,25 @@ fn own(v: &Value) -> Result<Raw, String> {
     })
 }
 
+/// Focal lengths of a frame in pixels, along x and y; the same for both if only one is given. If a frame defines a
+/// focal length or a field of view along one axis, in any form, and the top level of the file along the other axis only,
+/// both count. Otherwise a frame that defines one uses only its own.
+fn focals(top: &Value, frame: &Value, [width, height]: [u64; 2]) -> Result<[f64; 2], String> {
+    const X: [&str; 3] = ["fl_x", "camera_angle_x", "x_fov"];
+    const Y: [&str; 3] = ["fl_y", "camera_angle_y", "y_fov"];
+    let both = |holder: &Value| Ok::<_, String>([focal(holder, X, width)?, focal(holder, Y, height)?]);
+    let (of_frame, of_file) = (both(frame)?, both(top)?);
+    match (of_frame, of_file) {
+        ([Some(x), Some(y)], _) | ([None, None], [Some(x), Some(y)]) => Ok([x, y]),
+        ([Some(x), None], [None, Some(y)]) | ([None, Some(y)], [Some(x), None]) => Ok([x, y]),
+        ([Some(one), None] | [None, Some(one)], _) => Ok([one; 2]),
+        ([None, None], [Some(one), None] | [None, Some(one)]) => Ok([one; 2]),
+        ([None, None], [None, None]) => Err("has neither `fl_x` nor `camera_angle_x`".to_owned()),
+    }
+}
+
 /// Reads a frame as described on nerfstudio's page on its data format. Values missing in a frame are taken from the
-/// top level of the file. If a frame defines a focal length or a field of view, in any form, neither is taken from
-/// the top level.
+/// top level of the file.
 fn nerfstudio(top: &Value, frame: &Value, sizes: Sizes<'_>) -> Result<Raw, String> {
     let holder = |key: &str| level(top, frame, &[key]);
     let picture = portable_path(frame["file_path"].as_str().ok_or("has no `file_path`")?);
@@ -188,14 +204,7 @@ fn nerfstudio(top: &Value, frame: &Value, sizes: Sizes<'_>) -> Result<Raw, Strin
             (width.unwrap_or(w), height.unwrap_or(h))
         }
     };
-    const X: [&str; 3] = ["fl_x", "camera_angle_x", "x_fov"];
-    const Y: [&str; 3] = ["fl_y", "camera_angle_y", "y_fov"];
-    let lens = level(top, frame, &[X, Y].concat());
-    let (fx, fy) = match (focal(lens, X, width)?, focal(lens, Y, height)?) {
-        (Some(fx), Some(fy)) => (fx, fy),
-        (Some(one), None) | (None, Some(one)) => (one, one),
-        (None, None) => return Err("has neither `fl_x` nor `camera_angle_x`".to_owned()),
-    };
+    let [fx, fy] = focals(top, frame, [width, height])?;
     let middle =
         |key: &str, size: u64| Ok::<_, String>(optional(holder(key), key)?.unwrap_or(size as f64 / 2.0));
     let lens = [fx, fy, middle("cx", width)?, middle("cy", height)?];

@@ -104,7 +104,7 @@ pub fn bend(top: &Value, frame: &Value, size: [u64; 2], lens: [f64; 4]) -> Resul
     if let Some(flag) = OTHER_LENSES.into_iter().find(|flag| is_set(&holder(flag)[*flag])) {
         return Err(format!("has `{flag}`, so it is not a pinhole camera"));
     }
-    let fisheye = is_set(&holder("is_fisheye")["is_fisheye"]);
+    let fisheye = is_set(&holder("is_fisheye")["is_fisheye"]) || type_of_camera(holder("camera_type"))?;
     let upper = model.to_ascii_uppercase();
     // Fisheye models distort even when all their coefficients are 0.
     let bent = match upper.as_str() {
@@ -115,7 +115,7 @@ pub fn bend(top: &Value, frame: &Value, size: [u64; 2], lens: [f64; 4]) -> Resul
     };
     let fish = fisheye || upper.contains("FISHEYE");
     let pixels = if fish { f64::INFINITY } else { found.pixels(size, lens) };
-    let name = if fisheye { format!("{model}, `is_fisheye`") } else { model.to_owned() };
+    let name = if fisheye { format!("{model}, fisheye") } else { model.to_owned() };
     let applied = match upper.as_str() {
         "OPENCV" | "OPENCV_FISHEYE" | "FISHEYE" | "SIMPLE_RADIAL_FISHEYE" | "RADIAL_FISHEYE" if fish => {
             found.fisheye()
@@ -126,6 +126,17 @@ pub fn bend(top: &Value, frame: &Value, size: [u64; 2], lens: [f64; 4]) -> Resul
         _ => found.polynomial(),
     };
     Ok(bent.then(|| Bend { text: [vec![name], bends].concat().join(" "), model: applied, pixels }))
+}
+
+/// Reads `camera_type`, the key of the paths of nerfstudio's viewer, which other programs write into `transforms.json`.
+/// Returns whether it states a fisheye lens.
+fn type_of_camera(holder: &Value) -> Result<bool, String> {
+    let Some(text) = holder["camera_type"].as_str() else { return Ok(false) };
+    match text.to_ascii_lowercase().as_str() {
+        "perspective" | "pinhole" | "opencv" => Ok(false),
+        "fisheye" | "opencv_fisheye" => Ok(true),
+        _ => Err(format!("has the camera type `{text}`, which is not a pinhole camera")),
+    }
 }
 
 /// True if a flag is set: programs write it as `true`, a number or a text.

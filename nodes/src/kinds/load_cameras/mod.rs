@@ -69,7 +69,7 @@ impl LoadCameras {
 
 impl Kind for LoadCameras {
     const NAME: &'static str = "load-cameras";
-    const VERSION: u32 = 7;
+    const VERSION: u32 = 8;
     const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
     const STORE: Keep = Keep::Cheap;
     const FOLDERS: bool = true;

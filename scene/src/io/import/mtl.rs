@@ -154,6 +154,10 @@ fn texture(rest: &str, ignored: &mut BTreeSet<String>) -> Option<Texture> {
     Some(Texture { path: relative(path)?, offset, scale })
 }
 
+fn word_as_written(line: &str) -> String {
+    word(line).0.chars().take(40).collect()
+}
+
 /// Reads the materials of a file. Keywords may be in upper or lower case.
 pub(super) fn parse(bytes: &[u8]) -> Parsed {
     let mut parsed = Parsed::default();
@@ -193,8 +197,9 @@ pub(super) fn parse(bytes: &[u8]) -> Parsed {
                 ignored.insert(keyword.clone());
                 Some(())
             }
-            map if map.starts_with("map_") => {
-                ignored.insert(word(&text).0.to_owned());
+            // Textures, and keywords of other programs.
+            word if word.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'_') => {
+                ignored.insert(word_as_written(&text));
                 Some(())
             }
             _ => None,
@@ -267,6 +272,7 @@ mod tests {
         assert_eq!(of("map_Kd t.png # made here"), (plain("t.png"), vec![]));
         assert_eq!(of("map_d d.png\nbump b.png\nmap_Ka a.png").1, ["bump", "map_d"]);
         assert_eq!(of("map_Kd").0, None);
+        assert_eq!(of("Km 0.2\nvray_ior 1.5\nKm 0.3").1, ["Km", "vray_ior"], "of other programs");
         let library = |path: &str| Library { path: path.to_owned(), bytes: None };
         assert_eq!(library("sub/a.mtl").sibling("t.png"), "sub/t.png");
         assert_eq!(library("a.mtl").sibling("t.png"), "t.png");

@@ -116,7 +116,7 @@ fn cameras_are_counted_before_the_run_or_the_error_is_reported() {
     let blind = frames(r#""w": 40, "h": 30, "#, "");
     for (bytes, says, advice) in [
         (pointer, "git lfs pull", ""),
-        (fish.as_bytes(), "has lens distortion (OPENCV, `is_fisheye`)", "undistort"),
+        (fish.as_bytes(), "has lens distortion (OPENCV, fisheye)", "undistort"),
         (blind.as_bytes(), "has neither `fl_x` nor `camera_angle_x`", ""),
     ] {
         let counted = count(&[("t.json", bytes)], &node("t.json"));
