@@ -244,7 +244,9 @@ async fn difference(State(live): Shared, Path(pair): Path<Pair>) -> Response {
         let found = match found {
             Ok(found) => found,
             Err(why) => {
-                return Some(Json(json!({"report": {"tables": []}, "notes": [why], "flip": null})).into_response());
+                return Some(
+                    Json(json!({"report": {"tables": []}, "notes": [why], "flip": null})).into_response(),
+                );
             }
         };
         let size = found.flip.as_ref().map(|flip| [flip.size().0, flip.size().1]);

@@ -52,7 +52,7 @@ engine::outputs! {
 
 impl Kind for LoadEnvironment {
     const NAME: &'static str = "load-environment";
-    const VERSION: u32 = 9;
+    const VERSION: u32 = 10;
     const READS: &'static [ContextField] = &[ContextField::Up];
     const STORE: Keep = Keep::Cheap;
     type Params = Self;

@@ -46,7 +46,7 @@ engine::outputs! {
 
 impl Kind for LoadImage {
     const NAME: &'static str = "load-image";
-    const VERSION: u32 = 9;
+    const VERSION: u32 = 10;
     const STORE: Keep = Keep::Cheap;
     type Params = Self;
     type In = In;

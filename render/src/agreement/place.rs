@@ -26,8 +26,9 @@ pub(super) const PART_AGREES: f64 = 0.9;
 /// Minimum cosine of the angle between the up direction of the scene and the up direction estimated from the splats
 /// or from the mesh, for these splats or this mesh to count as upright.
 pub(super) const UPRIGHT: f64 = 0.94;
-/// Minimum share of the pixels of a view that debris must cover to be reported.
-pub(super) const DEBRIS: f64 = 0.006;
+/// Minimum share of the pixels of a view that debris must cover to be reported. In captures whose meshes are right, it
+/// covers less than 0.0005.
+pub(super) const DEBRIS: f64 = 0.0025;
 /// Minimum share of the pixels of a view that missing surfaces must cover to be reported.
 pub(super) const MISSING: f64 = 0.03;
 /// Half of the minimum distance between splats and mesh for a part of the mesh to count as debris, or for a surface

@@ -17,6 +17,9 @@ const HIDDEN: f64 = 0.1;
 /// Maximum share of what floats and what is missing that a transform may leave for it to count as the explanation.
 const EXPLAINED: f64 = 0.3;
 
+/// Minimum increase of the agreement of the surfaces for a transform of a mesh that agrees as a whole. In a place that looks
+/// the same after a rotation, a rotated mesh hides its debris from the views, and has it all the same.
+const CLEARER: f64 = 0.02;
 /// If the surfaces of splats and mesh agree less than this, both ways, a transform is searched for even if the depths
 /// agree: the views may show little of the place.
 const UNSURE: f64 = 0.5;
@@ -75,7 +78,13 @@ impl<'a> Rated<'a> {
         for (both, by) in tried {
             let there = Explained::of(self.place, views, &by, Some(&self.here.depths), cx)?;
             let explains = there.left() < EXPLAINED * self.here.left();
-            if there.agreement.hidden > HIDDEN.max(self.here.agreement.hidden) || (self.agrees && !explains) {
+            let is_clearer = || {
+                let there = both.unwrap_or_else(|| self.surfaces.agreement(by, usize::MAX, 1.0));
+                there.mean() >= self.both.mean() + CLEARER
+            };
+            if there.agreement.hidden > HIDDEN.max(self.here.agreement.hidden)
+                || (self.agrees && !(explains && is_clearer()))
+            {
                 continue;
             }
             // A small shift is within the accuracy of usual meshes, unless parts would be reported without it.

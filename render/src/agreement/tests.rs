@@ -1,5 +1,6 @@
 //! Tests with a synthetic place: a floor, three walls and two boxes.
 
+mod cubes;
 mod eyes;
 mod wrong_splats;
 

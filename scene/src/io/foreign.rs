@@ -19,6 +19,21 @@ pub fn json_text(bytes: &[u8]) -> &[u8] {
     text
 }
 
+/// Parses JSON, without marks and fill around it.
+///
+/// # Errors
+/// The place of the mistake. If the text has `NaN` or `Infinity`, which Python writes, the error names it.
+pub fn parse_json(file: &str, bytes: &[u8]) -> Result<serde_json::Value, Error> {
+    let text = json_text(bytes);
+    serde_json::from_slice(text).map_err(|error| {
+        let word = ["NaN", "Infinity"].into_iter().find(|word| text.windows(word.len()).any(|w| w == word.as_bytes()));
+        let hint = word.map_or_else(String::new, |word| {
+            format!("; `{word}`, which Python writes for such numbers, is not part of JSON: replace it by a number or `null`")
+        });
+        Error::format(file, format!("is not valid JSON: {error}{hint}"))
+    })
+}
+
 /// Converts the backslashes in a relative path to slashes, since exporters on Windows write backslashes, and
 /// removes a leading `./`.
 pub fn portable_path(path: &str) -> String {

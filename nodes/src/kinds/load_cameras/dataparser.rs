@@ -4,7 +4,7 @@
 use glam::{DMat3, DMat4, DVec3, DVec4};
 use scene::error::Error;
 use scene::io::capture::raw::Raw;
-use scene::io::foreign::{json_text, refuse_foreign};
+use scene::io::foreign::{json_text, parse_json, refuse_foreign};
 use serde_json::Value;
 
 /// Name of the file in the folder of a training run.
@@ -33,8 +33,7 @@ impl Dataparser {
     /// Reads `transform` and `scale` from the file.
     pub fn read(file: &str, bytes: &[u8]) -> Result<Self, Error> {
         refuse_foreign(file, bytes)?;
-        let json: Value = serde_json::from_slice(json_text(bytes))
-            .map_err(|e| Error::format(file, format!("is not valid JSON: {e}")))?;
+        let json = parse_json(file, bytes)?;
         let transform = rows(file, &json, "transform")?;
         let scale = json["scale"].as_f64().filter(|s| *s > 0.0 && s.is_finite());
         let scale = scale.ok_or_else(|| Error::format(file, "has no `scale` above 0"))?;

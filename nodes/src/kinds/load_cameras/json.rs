@@ -5,7 +5,7 @@ use engine::Notes;
 use glam::{DMat4, DVec4};
 use scene::error::Error;
 use scene::io::capture::raw::Raw;
-use scene::io::foreign::{json_text, portable_path, refuse_foreign};
+use scene::io::foreign::{json_text, parse_json, portable_path, refuse_foreign};
 use serde_json::Value;
 
 use super::lens::{bend, by_angle, focal, level, optional};
@@ -65,8 +65,7 @@ pub fn read(
     notes: &mut Notes,
 ) -> Result<Vec<Raw>, Error> {
     refuse_foreign(file, bytes)?;
-    let json: Value = serde_json::from_slice(json_text(bytes))
-        .map_err(|e| Error::format(file, format!("is not valid JSON: {e}")))?;
+    let json = parse_json(file, bytes)?;
     let all = |list: &[Value], read: &dyn Fn(&Value) -> Result<Raw, String>| {
         let each = list.iter().enumerate();
         each.map(|(index, v)| read(v).map_err(|what| Error::format(file, format!("camera {index} {what}"))))

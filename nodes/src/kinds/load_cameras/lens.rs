@@ -104,7 +104,8 @@ pub fn bend(top: &Value, frame: &Value, size: [u64; 2], lens: [f64; 4]) -> Resul
     if let Some(flag) = OTHER_LENSES.into_iter().find(|flag| is_set(&holder(flag)[*flag])) {
         return Err(format!("has `{flag}`, so it is not a pinhole camera"));
     }
-    let fisheye = is_set(&holder("is_fisheye")["is_fisheye"]) || type_of_camera(holder("camera_type"))?;
+    let flag = is_set(&holder("is_fisheye")["is_fisheye"]);
+    let fisheye = type_of_camera(holder("camera_type"))? || flag;
     let upper = model.to_ascii_uppercase();
     // Fisheye models distort even when all their coefficients are 0.
     let bent = match upper.as_str() {
@@ -115,7 +116,11 @@ pub fn bend(top: &Value, frame: &Value, size: [u64; 2], lens: [f64; 4]) -> Resul
     };
     let fish = fisheye || upper.contains("FISHEYE");
     let pixels = if fish { f64::INFINITY } else { found.pixels(size, lens) };
-    let name = if fisheye { format!("{model}, fisheye") } else { model.to_owned() };
+    let name = match fisheye {
+        true if flag => format!("{model}, `is_fisheye`"),
+        true => format!("{model}, `camera_type` fisheye"),
+        false => model.to_owned(),
+    };
     let applied = match upper.as_str() {
         "OPENCV" | "OPENCV_FISHEYE" | "FISHEYE" | "SIMPLE_RADIAL_FISHEYE" | "RADIAL_FISHEYE" if fish => {
             found.fisheye()

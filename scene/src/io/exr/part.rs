@@ -7,45 +7,131 @@ pub(super) fn part_name(header: &Header) -> String {
     header.own_attributes.layer_name.as_ref().map_or_else(String::new, ToString::to_string)
 }
 
-/// Names that programs give to parts with vectors, distances and identifiers, which may be stored as R, G and B.
-const DATA: [&str; 30] = [
-    "n",
-    "ng",
-    "ns",
-    "normal",
-    "normals",
-    "p",
-    "pref",
-    "pworld",
-    "pos",
-    "position",
-    "positions",
-    "point",
-    "points",
-    "depth",
-    "z",
-    "zdepth",
-    "uv",
-    "uvs",
-    "st",
-    "motion",
-    "motionvector",
-    "motionvectors",
-    "velocity",
-    "vector",
-    "vectors",
-    "tangent",
-    "tangents",
-    "id",
-    "ids",
-    "crypto",
+/// What the name of a part says about its content; the first in this order is preferred.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Content {
+    /// The finished picture.
+    Picture,
+    /// The name says nothing.
+    Unknown,
+    /// A part of the light or of the material, such as `albedo`.
+    Pass,
+    /// Vectors, distances and identifiers, which may be stored as R, G and B.
+    Data,
+}
+
+/// Names that programs give to parts, as Arnold, Blender, Karma, RenderMan, V-Ray and Nuke do.
+const NAMES: [(Content, &[&str]); 3] = [
+    (
+        Content::Picture,
+        &[
+            "beauty",
+            "c",
+            "color",
+            "colour",
+            "combined",
+            "composite",
+            "image",
+            "main",
+            "master",
+            "rgb",
+            "rgba",
+        ],
+    ),
+    (
+        Content::Pass,
+        &[
+            "albedo",
+            "alpha",
+            "ambient",
+            "ao",
+            "background",
+            "basecolor",
+            "coat",
+            "diffcol",
+            "diffdir",
+            "diffind",
+            "diffuse",
+            "direct",
+            "emission",
+            "emit",
+            "env",
+            "environment",
+            "gi",
+            "gloss",
+            "glosscol",
+            "glossdir",
+            "glossind",
+            "glossy",
+            "indirect",
+            "light",
+            "lighting",
+            "mask",
+            "matte",
+            "noise",
+            "occlusion",
+            "reflection",
+            "refraction",
+            "shadow",
+            "sheen",
+            "specular",
+            "sss",
+            "subsurface",
+            "transcol",
+            "transdir",
+            "transind",
+            "transmission",
+            "variance",
+            "volume",
+        ],
+    ),
+    (
+        Content::Data,
+        &[
+            "crypto",
+            "depth",
+            "id",
+            "ids",
+            "motion",
+            "motionvector",
+            "motionvectors",
+            "n",
+            "ng",
+            "normal",
+            "normals",
+            "ns",
+            "p",
+            "point",
+            "points",
+            "pos",
+            "position",
+            "positions",
+            "pref",
+            "pworld",
+            "st",
+            "tangent",
+            "tangents",
+            "uv",
+            "uvs",
+            "vector",
+            "vectors",
+            "velocity",
+            "z",
+            "zdepth",
+        ],
+    ),
 ];
 
-/// True if the name of a part, or the last of its words, is that of a part without colours.
-fn is_data(name: &str) -> bool {
+/// The content of a part by its name, or by the last of the words of the name.
+fn content(name: &str) -> Content {
     let lower = name.to_ascii_lowercase();
+    if lower.contains("cryptomatte") {
+        return Content::Data;
+    }
     let last = lower.rsplit(['.', '/', ' ', '_']).next().unwrap_or_default();
-    DATA.contains(&last.trim_end_matches(|c: char| c.is_ascii_digit())) || lower.contains("cryptomatte")
+    let last = last.trim_end_matches(|c: char| c.is_ascii_digit());
+    let found = NAMES.iter().find(|(_, names)| names.contains(&last));
+    found.map_or(Content::Unknown, |(content, _)| *content)
 }
 
 /// The colours of a part.
@@ -82,14 +168,15 @@ fn layer_of(header: &Header) -> String {
 
 /// The part of a file that contains a layer, and the name of the layer within the part. An empty name selects a flat
 /// part: the first with R, G and B; else the first with R, G and B in a layer with the name of the part; else the
-/// first with Y; else the first. Parts whose names are those of data, such as `N` or `depth`, come after all other
-/// parts that have colours. Any other name is the name of a layer in any part, the name of a part, or both, separated by a
+/// first with Y; else the first. Of parts that have colours, those whose names are those of a finished picture, such as
+/// `beauty`, come first; parts of light or material, such as `albedo`, come late, and data, such as `N` or `depth`, last.
+/// Any other name is the name of a layer in any part, the name of a part, or both, separated by a
 /// dot or a slash.
 pub fn choose_part<'a>(headers: &'a [Header], layer: &str) -> Option<(&'a Header, String)> {
     let flat = || headers.iter().filter(|header| !header.deep);
     let first = flat().next()?;
     if layer.is_empty() {
-        let rank = |header: &Header| colours(header).map(|colours| (is_data(&part_name(header)), colours));
+        let rank = |header: &Header| colours(header).map(|colours| (content(&part_name(header)), colours));
         // The first of several that are equal.
         let best = flat().filter(|header| rank(header).is_some()).min_by_key(|header| rank(header));
         return Some(best.map_or((first, String::new()), |header| (header, layer_of(header))));

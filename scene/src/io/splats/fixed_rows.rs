@@ -11,7 +11,7 @@ use crate::error::Error;
 use crate::io::ply::{self, Format, Scalar};
 
 /// A field of a row.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Field {
     /// Offset from the start of the row in bytes.
     pub at: usize,

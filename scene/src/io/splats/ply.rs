@@ -2,7 +2,7 @@
 //!
 //! Fields (gaussian-splatting, `scene/gaussian_model.py`, `save_ply`): `x y z`, `f_dc_0..2`, `f_rest_*` channel by
 //! channel, `opacity` (logit), `scale_0..2` (log), `rot_0..3` (w x y z). 2DGS writes only two scales, and the third
-//! scale is then 0. Some programs write `red`, `green`, `blue` for `f_dc_*` (nerfstudio's `ply_color_mode: rgb`).
+//! scale is then 0; isotropic trainings may write one for all three. Some programs write `red`, `green`, `blue` for `f_dc_*` (nerfstudio's `ply_color_mode: rgb`).
 //! `filter_3D`, which Mip-Splatting and MILo add, is the standard deviation of a smoothing filter that the stored
 //! scales and opacities do not include yet. Other fields are ignored.
 
@@ -46,7 +46,8 @@ struct Layout {
     /// Start of the fields `rest` in the row, if they are consecutive 32-bit floats.
     rest_run: Option<usize>,
     opacity: Field,
-    /// Fields of the scales; only two in files of 2DGS, whose splats have no thickness.
+    /// Fields of the scales. Files of 2DGS have only two, since their splats have no thickness; the field is the same for
+    /// all three in files with one scale per splat.
     scale: [Option<Field>; 3],
     rotation: [Field; 4],
     filter: Option<Field>,
@@ -107,6 +108,7 @@ impl Layout {
             rest_run: in_line.then_some(first),
             opacity: need("opacity")?,
             scale: match vertex.find("scale_2") {
+                None if vertex.find("scale_1").is_none() => [Some(need("scale_0")?); 3],
                 None => [Some(need("scale_0")?), Some(need("scale_1")?), None],
                 Some(_) => [Some(need("scale_0")?), Some(need("scale_1")?), Some(need("scale_2")?)],
             },
@@ -168,6 +170,10 @@ pub(super) fn load(
         } else {
             notes.decision("display-colours", text);
         }
+    }
+    if layout.scale[0] == layout.scale[1] {
+        let text = format!("`{file}` has one scale per splat, so its splats are spheres");
+        notes.decision("one-scale", text);
     }
     if layout.scale[2].is_none() {
         let text = format!("`{file}` has two scales per splat, as 2DGS writes them, so its splats are flat");

@@ -123,7 +123,7 @@ fn unpack(file: &str, bytes: &[u8]) -> Result<Attributes, Error> {
         let header = Header::read(file, head)?;
         let each: usize = header.sizes().iter().sum();
         let count = believed(file, header.count, bytes.len(), DEFLATE_RATIO as f64 / each as f64)?;
-        Ok(HEADER + count * each + if header.flags & EXTENDED == 0 { 0 } else { EXTENSIONS })
+        Ok(HEADER + count * each + EXTENSIONS)
     })?;
     let header = Header::read(file, &plain)?;
     if header.version == 4 {
@@ -132,7 +132,8 @@ fn unpack(file: &str, bytes: &[u8]) -> Result<Attributes, Error> {
             "the file is a gzip stream, but contains SPZ version 4, which must not be compressed with gzip",
         ));
     }
-    Ok(Attributes { left_over, ..split(file, &plain, header)? })
+    let attributes = split(file, &plain, header)?;
+    Ok(Attributes { left_over: attributes.left_over + left_over, ..attributes })
 }
 
 /// Splits the single stream of versions 1 to 3 into attributes.
@@ -145,8 +146,10 @@ fn split(file: &str, bytes: &[u8], header: Header) -> Result<Attributes, Error> 
         *stream = range(file, bytes, at, count * size, "an attribute")?.to_vec();
         at += stream.len();
     }
-    let extensions = bytes.get(at..).unwrap_or_default().to_vec();
-    Ok(Attributes { header, count, streams, extensions, left_over: 0 })
+    let after = bytes.get(at..).unwrap_or_default();
+    let (extensions, left_over) =
+        if header.flags & EXTENDED == 0 { (Vec::new(), after.len()) } else { (after.to_vec(), 0) };
+    Ok(Attributes { header, count, streams, extensions, left_over })
 }
 
 fn unpack_4(file: &str, bytes: &[u8], header: Header) -> Result<Attributes, Error> {

@@ -8,6 +8,8 @@ mod other_tools;
 mod placed;
 mod usd;
 
+use std::io::{Read, Write};
+
 use engine::{Context, InputFile, NodeError, Note, Notes, SourceRoot};
 
 use super::*;
@@ -399,6 +401,17 @@ fn what_follows_the_splats_is_reported() {
         let reported = notes.iter().find(|note| note.id == "bytes-left-over").unwrap();
         assert!(splats == whole && reported.text.contains("count: 10"), "{name}: {reported:?}");
     }
+    // Inside the gzip stream. An earlier version refused these files, which the reference implementation reads.
+    let (whole, _) = read(&build::spz(3, 1)).unwrap();
+    let packed = build::spz(3, 1);
+    let mut plain = Vec::new();
+    flate2::read::GzDecoder::new(&packed[..]).read_to_end(&mut plain).unwrap();
+    plain.extend_from_slice(b"more of it");
+    let mut again = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
+    again.write_all(&plain).unwrap();
+    let (splats, notes) = read(&again.finish().unwrap()).unwrap();
+    let reported = notes.iter().find(|note| note.id == "bytes-left-over").unwrap();
+    assert!(splats == whole && reported.text.contains("count: 10"), "{reported:?}");
 }
 
 #[test]

@@ -118,7 +118,10 @@ fn the_lens_of_a_frame_counts_before_that_of_the_file() {
         (format!(r#""camera_angle_x": 0.3, "camera_angle_y": 0.2, {size}"#), r#""fl_x": 50, "#.to_owned()),
         (format!(r#""fl_x": 50, "camera_angle_x": 0.3, {size}"#), String::new()),
         (size.to_owned(), format!(r#""x_fov": {degrees}, "#)),
-        (r#""w": 80, "h": 60, "fl_x": 3, "#.to_owned(), r#""w": 40.0, "h": 30.0, "fl_y": 50, "#.to_owned()),
+        (
+            r#""w": 80, "h": 60, "fl_x": 3, "fl_y": 4, "#.to_owned(),
+            r#""w": 40.0, "h": 30.0, "fl_y": 50, "#.to_owned(),
+        ),
     ] {
         let text = frames(&top, &frame);
         let camera = of_json(&text).unwrap_or_else(|e| panic!("{text}: {e}")).0.remove(0);

@@ -3,6 +3,9 @@
 use super::count::READ_WHOLE;
 use super::*;
 
+/// The size of the pictures, for the top level of a file.
+const SIZE: &str = r#""w": 40, "h": 30, "#;
+
 // The models of COLMAP 4.2 that earlier versions do not know. An earlier version refused them without their names.
 #[test]
 fn new_models_of_colmap_are_named() {
@@ -116,7 +119,7 @@ fn cameras_are_counted_before_the_run_or_the_error_is_reported() {
     let blind = frames(r#""w": 40, "h": 30, "#, "");
     for (bytes, says, advice) in [
         (pointer, "git lfs pull", ""),
-        (fish.as_bytes(), "has lens distortion (OPENCV, fisheye)", "undistort"),
+        (fish.as_bytes(), "has lens distortion (OPENCV, `is_fisheye`)", "undistort"),
         (blind.as_bytes(), "has neither `fl_x` nor `camera_angle_x`", ""),
     ] {
         let counted = count(&[("t.json", bytes)], &node("t.json"));
@@ -139,4 +142,35 @@ fn cameras_are_counted_before_the_run_or_the_error_is_reported() {
         assert_eq!((counted, read.len()), (2, 2), "{text}");
     }
     assert_eq!(colmap::count_images(&mut "1 2 3 ".repeat(100_000).as_bytes()).ok(), Some(0));
+}
+
+/// Along each axis a focal length comes from the frame, or from the file if the frame has none and the file only this one.
+/// An earlier version ignored the `fl_y` of the file when the frame had an `fl_x`.
+#[test]
+fn focal_lengths_of_frames_and_files_are_combined() {
+    let focal = |top: &str, frame: &str| {
+        let (cameras, _) = of_json(&frames(&format!("{SIZE}{top}"), frame)).unwrap_or_else(|e| panic!("{e}"));
+        (cameras[0].fx, cameras[0].fy)
+    };
+    assert_eq!(focal(r#""fl_y": 60, "#, r#""fl_x": 50, "#), (50.0, 60.0));
+    assert_eq!(focal(r#""fl_x": 60, "#, r#""fl_y": 50, "#), (60.0, 50.0));
+    // A lens of its own.
+    assert_eq!(focal(r#""fl_x": 60, "fl_y": 61, "#, r#""fl_x": 50, "#), (50.0, 50.0));
+    assert_eq!(focal(r#""fl_x": 60, "fl_y": 61, "#, ""), (60.0, 61.0));
+    assert_eq!(focal("", r#""fl_x": 50, "fl_y": 51, "#), (50.0, 51.0));
+    assert_eq!(focal(r#""fl_y": 61, "#, ""), (61.0, 61.0));
+}
+
+/// The key `camera_type` of nerfstudio's viewer in a `transforms.json`. An earlier version ignored it, so that fisheyes
+/// became pinhole cameras.
+#[test]
+fn the_camera_type_of_a_frame_or_file_is_used() {
+    let key = |name: &str| format!(r#""camera_type": "{name}", "#);
+    let text = |top: &str, frame: &str| frames(&format!(r#"{SIZE}{top}"fl_x": 50, "#), frame);
+    let error =
+        |top: &str, frame: &str| of_json(&text(top, frame)).err().map(|e| e.to_string()).unwrap_or_default();
+    assert_eq!(error(&key("perspective"), ""), "");
+    assert!(error(&key("fisheye"), "").contains("lens distortion (OPENCV, `camera_type` fisheye)"));
+    assert!(error("", &key("FISHEYE")).contains("lens distortion"));
+    assert!(error(&key("equirectangular"), "").contains("camera type `equirectangular`"));
 }
