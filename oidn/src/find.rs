@@ -16,7 +16,7 @@ const USUAL: [&str; 5] =
 
 /// An installed library.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Found {
+pub struct Installation {
     /// Path of the library file. Its content differs between versions, since it contains the version number.
     pub path: PathBuf,
     /// Version, such as `2.3.3`.
@@ -56,7 +56,7 @@ fn but(others: &[PathBuf]) -> String {
 ///
 /// # Errors
 /// If no searched folder contains version 2 of the library.
-pub fn find() -> Result<Found, Missing> {
+pub fn find() -> Result<Installation, Missing> {
     find_in(folders(std::env::var_os(FOLDER), std::env::var_os("LD_LIBRARY_PATH")))
 }
 
@@ -70,10 +70,10 @@ fn folders(named: Option<OsString>, linked: Option<OsString>) -> Vec<PathBuf> {
     linked.chain(USUAL.map(PathBuf::from)).collect()
 }
 
-fn find_in(looked: Vec<PathBuf>) -> Result<Found, Missing> {
+fn find_in(looked: Vec<PathBuf>) -> Result<Installation, Missing> {
     let found = |folder: &PathBuf| {
         let path = folder.join(FILE);
-        version_of(&path).map(|version| Found { path, version })
+        version_of(&path).map(|version| Installation { path, version })
     };
     looked.iter().find_map(found).ok_or_else(|| {
         let others = looked.iter().map(|folder| folder.join(FILE)).filter(|path| path.exists()).collect();
@@ -109,7 +109,7 @@ mod tests {
         let good = place(FILE, b"\x7fELF\0libOpenImageDenoise_core.so.2.3.3\0libm.so.6\0");
         let paths = |of: &[&tempfile::TempDir]| of.iter().map(|d| d.path().to_owned()).collect::<Vec<_>>();
         let found = find_in(paths(&[&empty, &old, &other, &good])).expect("is there");
-        assert_eq!(found, Found { path: good.path().join(FILE), version: "2.3.3".to_owned() });
+        assert_eq!(found, Installation { path: good.path().join(FILE), version: "2.3.3".to_owned() });
         let missing = find_in(paths(&[&empty, &old])).expect_err("is not there");
         assert_eq!(missing.looked, paths(&[&empty, &old]));
         let text = missing.to_string();

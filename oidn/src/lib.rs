@@ -2,14 +2,14 @@
 //! installed.
 //!
 //! The crate passes arrays of colours to the library and does not depend on graphs or images. [`find()`] looks for
-//! the library and reports the searched folders if it is not found. [`Found::load`] loads it. [`Library::denoise`]
+//! the library and reports the searched folders if it is not found. [`Installation::load`] loads it. [`Library::denoise`]
 //! filters one picture on the calling thread. Only version 2 for Linux is supported; version 1 has other function
 //! names.
 
 mod find;
 mod library;
 
-pub use find::{Found, Missing, find};
+pub use find::{Installation, Missing, find};
 pub use library::{Library, MEMORY_BYTES, Surfaces};
 
 /// Errors that occur when the library is loaded or used.
@@ -99,7 +99,7 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("libOpenImageDenoise.so.2");
         std::fs::write(&path, b"\0libOpenImageDenoise_core.so.2.3.3\0").expect("is written");
-        let error = Found { path, version: "2.3.3".to_owned() }.load().err().expect("not a library");
+        let error = Installation { path, version: "2.3.3".to_owned() }.load().err().expect("not a library");
         let text = error.to_string();
         assert!(text.contains("libOpenImageDenoise.so.2` cannot be loaded: "), "{text}");
     }

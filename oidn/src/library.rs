@@ -4,7 +4,7 @@
 use std::ffi::{CStr, c_char, c_int, c_void};
 use std::ptr;
 
-use crate::{Error, Found};
+use crate::{Error, Installation};
 
 type Device = *mut c_void;
 type Filter = *mut c_void;
@@ -48,7 +48,7 @@ pub struct Surfaces<'a> {
     pub normal: &'a [f32],
 }
 
-impl Found {
+impl Installation {
     /// Loads the library. It stays loaded until the program ends, because its threads may still be running.
     ///
     /// # Errors

@@ -73,16 +73,16 @@ pub(crate) fn read(folder: &Path, node: &Node, key: &Digest) -> Result<Outputs, 
     if let Some(name) = found.keys().find(|name| ![ENTRY, VALUES].contains(&name.as_str())) {
         return Err(refused(format!("the folder contains `{name}`, which is not a file of the outputs")));
     }
-    let is_folder = |found: &Found| matches!(found, Found::Folder);
+    let is_folder = |found: &EntryType| matches!(found, EntryType::Folder);
     if !found.get(VALUES).is_some_and(is_folder) {
         return Err(refused(format!("`{VALUES}` is not a folder")));
     }
     let bytes = match found.get(ENTRY) {
-        Some(Found::File(length)) if *length <= LONGEST_ENTRY => {
+        Some(EntryType::File(length)) if *length <= LONGEST_ENTRY => {
             let path = folder.join(ENTRY);
             fs::read(&path).map_err(ActionError::io("read", &path))?
         }
-        Some(Found::File(_)) => return Err(refused(format!("the file `{ENTRY}` is too long"))),
+        Some(EntryType::File(_)) => return Err(refused(format!("the file `{ENTRY}` is too long"))),
         _ => return Err(refused(format!("`{ENTRY}` is not a file"))),
     };
     let entry = Entry::decode(&bytes, key).map_err(|error| refused(error.to_string()))?;
@@ -98,8 +98,8 @@ pub(crate) fn read(folder: &Path, node: &Node, key: &Digest) -> Result<Outputs, 
     for ((port, output), length) in stored {
         let name = port.name;
         match found.get(name) {
-            Some(Found::File(found)) if found == length => {}
-            Some(Found::File(found)) => {
+            Some(EntryType::File(found)) if found == length => {}
+            Some(EntryType::File(found)) => {
                 return Err(refused(format!(
                     "the length of `{VALUES}/{name}` is {found} bytes instead of {length}"
                 )));
@@ -119,7 +119,7 @@ pub(crate) fn read(folder: &Path, node: &Node, key: &Digest) -> Result<Outputs, 
 }
 
 /// A file or folder. Links are not followed.
-enum Found {
+enum EntryType {
     /// A regular file, with its length in bytes.
     File(u64),
     Folder,
@@ -127,7 +127,7 @@ enum Found {
     Other,
 }
 
-fn listing(folder: &Path) -> Result<BTreeMap<String, Found>, ActionError> {
+fn listing(folder: &Path) -> Result<BTreeMap<String, EntryType>, ActionError> {
     let read = |folder| fs::read_dir(folder).map_err(ActionError::io("read", folder));
     let mut found = BTreeMap::new();
     for entry in read(folder)? {
@@ -135,9 +135,9 @@ fn listing(folder: &Path) -> Result<BTreeMap<String, Found>, ActionError> {
         let path = entry.path();
         let metadata = fs::symlink_metadata(&path).map_err(ActionError::io("read", &path))?;
         let what = match metadata {
-            data if data.is_file() => Found::File(data.len()),
-            data if data.is_dir() => Found::Folder,
-            _ => Found::Other,
+            data if data.is_file() => EntryType::File(data.len()),
+            data if data.is_dir() => EntryType::Folder,
+            _ => EntryType::Other,
         };
         found.insert(entry.file_name().to_string_lossy().into_owned(), what);
     }

@@ -51,7 +51,7 @@ impl Worst {
 }
 
 /// The findings about one composite of the graph file at all values of the axes.
-struct Found {
+struct HiddenObject {
     /// The pair with the largest share.
     drawn: Drawn,
     worst: Worst,
@@ -88,12 +88,15 @@ pub fn findings(
         Some(reported.iter().map(|worst| (ID, worst.text())).collect())
     });
     let left = measured.iter().filter(|found| found.is_none()).count();
-    let mut by_name: BTreeMap<&str, Found> = BTreeMap::new();
+    let mut by_name: BTreeMap<&str, HiddenObject> = BTreeMap::new();
     for ((_, drawn), found) in all.iter().zip(measured) {
         for worst in found.iter().flatten().filter_map(|(_, text)| Worst::of_text(text)) {
             let name = written(graph, drawn.composite);
-            let of_name =
-                by_name.entry(name).or_insert(Found { drawn: *drawn, worst: worst.clone(), pictures: 0 });
+            let of_name = by_name.entry(name).or_insert(HiddenObject {
+                drawn: *drawn,
+                worst: worst.clone(),
+                pictures: 0,
+            });
             of_name.pictures += 1;
             if worst.share > of_name.worst.share {
                 (of_name.drawn, of_name.worst) = (*drawn, worst);
@@ -115,8 +118,8 @@ pub fn findings(
 }
 
 /// Describes what was found, and what to change in the graph file.
-fn text(graph: &Graph, found: &Found) -> String {
-    let Found { drawn, worst, pictures } = found;
+fn text(graph: &Graph, found: &HiddenObject) -> String {
+    let HiddenObject { drawn, worst, pictures } = found;
     let [composite, splats, trace] =
         [drawn.composite, drawn.splats, drawn.trace].map(|node| written(graph, node));
     let at = graph.nodes[drawn.composite].id.split_once('/').map(|(_, values)| format!(" at `{values}`"));
@@ -302,7 +305,7 @@ mod tests {
         let found = drawn(&graph);
         assert_eq!(found.iter().map(names).collect::<Vec<_>>(), [["bare", "view", "trace"]]);
         let worst = Worst { share: 0.36, view: "camera".to_owned() };
-        let text = text(&graph, &Found { drawn: found[0], worst, pictures: 1 });
+        let text = text(&graph, &HiddenObject { drawn: found[0], worst, pictures: 1 });
         assert!(text.contains("at 36 % of its pixels, but `bare` draws"), "{text}");
         assert!(text.ends_with("wire `layer` to `front` of `bare`"), "{text}");
     }

@@ -60,7 +60,7 @@ impl Transformer {
             wholes.push(block.forward(&wholes[wholes.len() - 1], &shared, watch)?.detach());
         }
 
-        let mut found = Found { vars, of: HashMap::new() };
+        let mut found = Gradients { vars, of: HashMap::new() };
         let Some(last) = wholes.pop() else { unreachable!("`wholes` is not empty") };
         let last = Var::from_tensor(&last)?;
         let lost = loss(&self.end(&last.narrow(0, texts, pictures)?, &shared, watch)?)?;
@@ -97,12 +97,12 @@ fn back(outputs: &[(&Tensor, &Tensor)]) -> Result<GradStore> {
 }
 
 /// Gradients of variables, collected from all blocks.
-struct Found<'a> {
+struct Gradients<'a> {
     vars: &'a [Var],
     of: HashMap<TensorId, Tensor>,
 }
 
-impl Found<'_> {
+impl Gradients<'_> {
     fn take(&mut self, grads: &GradStore) -> Result<()> {
         for var in self.vars {
             if let Some(gradient) = grads.get(var) {

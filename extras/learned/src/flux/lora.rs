@@ -31,7 +31,7 @@ struct Target {
 
 /// Names of the tensors of one module, as found in a LoRA file; `None` for a tensor that was not found.
 #[derive(Default)]
-struct Found {
+struct ModuleTensors {
     down: Option<String>,
     up: Option<String>,
     alpha: Option<String>,
@@ -50,7 +50,7 @@ impl Lora {
     pub fn read(path: &Path, config: &Config, device: &Device) -> Result<Self> {
         let source = Source::open(path)?;
         let targets = targets(config);
-        let mut found: BTreeMap<&str, Found> = BTreeMap::new();
+        let mut found: BTreeMap<&str, ModuleTensors> = BTreeMap::new();
         let mut unknown = Vec::new();
         for key in source.entries().keys() {
             let Some((stem, ending)) = stem(key).filter(|(stem, _)| targets.contains_key(*stem)) else {
@@ -104,7 +104,7 @@ impl Target {
         &self,
         source: &Source,
         stem: &str,
-        module: &Found,
+        module: &ModuleTensors,
         header: Option<f64>,
         device: &Device,
     ) -> Result<Update> {

@@ -21,7 +21,7 @@ const VALUES: &str = "values/";
 const LONGEST_ENTRY: i64 = 16 << 20;
 
 /// A result as received from the server. None of it has been verified.
-pub(crate) struct Found {
+pub(crate) struct UnverifiedResult {
     /// The bytes of the signed entry.
     pub sealed: Vec<u8>,
     /// For each value, its digest in the entry, and the digest under which the server stores it.
@@ -55,7 +55,7 @@ impl Server {
     ///
     /// # Errors
     /// [`CallError::NotFound`] if the server has no result.
-    pub fn find(&self, key: &Digest, cancel: &AtomicBool) -> Result<Found, CallError> {
+    pub fn find(&self, key: &Digest, cancel: &AtomicBool) -> Result<UnverifiedResult, CallError> {
         const WHAT: &str = "looking for a result";
         let subject = key.to_string();
         let answer = self.connection.call(WHAT, &subject, 0, cancel, |channel| {
@@ -86,7 +86,7 @@ impl Server {
             return Err(CallError::wrong(WHAT, "the entry is too long"));
         }
         let sealed = if contents.is_empty() { self.download(&digest, cancel)? } else { contents };
-        Ok(Found { sealed, values })
+        Ok(UnverifiedResult { sealed, values })
     }
 
     /// Stores a result: first its values, then the signed entry that names them. Returns the number of bytes that

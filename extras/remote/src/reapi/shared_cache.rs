@@ -12,7 +12,7 @@ use super::address::Address;
 use super::call_error::CallError;
 use super::connection::Connection;
 use super::places::Places;
-use super::results::Found;
+use super::results::UnverifiedResult;
 use super::retry::Retry;
 use super::server::Server;
 use crate::credentials::Credentials;
@@ -199,7 +199,7 @@ impl SharedCache {
     }
 
     /// The verified entry in an answer; `None` if the entry must not be used.
-    fn verified(&self, key: &Digest, found: &Found) -> Option<Entry> {
+    fn verified(&self, key: &Digest, found: &UnverifiedResult) -> Option<Entry> {
         let entry = match signed::open(&found.sealed, key, &self.trusted) {
             Ok(entry) => entry,
             Err(why) => {

@@ -7,12 +7,12 @@
 use std::sync::OnceLock;
 
 use engine::{Context, NodeError, Notes, SourceFile};
-use oidn::{Error, Found, Library, Surfaces};
+use oidn::{Error, Installation, Library, Surfaces};
 
 use super::means::{Field, VALUES};
 use super::view::{BRIGHTEST, ViewLayers};
 
-fn found() -> Result<Found, NodeError> {
+fn found() -> Result<Installation, NodeError> {
     oidn::find().map_err(|e| NodeError::new(e.to_string()).at("method").hint(oidn::Missing::HINT))
 }
 

@@ -7,7 +7,7 @@ use scene::math::equirect::axes;
 use scene::types::Rig;
 use scene::types::frame::Similarity;
 
-use super::model::Found;
+use super::model::Reconstruction;
 
 /// Share of the points that lie below the ground: reflections, and points with large errors.
 const BELOW: f64 = 0.02;
@@ -16,7 +16,7 @@ const EXACT: f64 = 2.0;
 
 /// Rotates the reconstruction upright, puts its origin on the ground below the middle of the points, and scales it so
 /// that the cameras have the given median height above the ground. Adds a note about each assumption.
-pub fn upright(found: &mut Found, camera_height_metres: f64, cx: &Context, notes: &mut Notes) {
+pub fn upright(found: &mut Reconstruction, camera_height_metres: f64, cx: &Context, notes: &mut Notes) {
     let up = axes(cx.up())[2];
     let rig = Rig { cameras: found.photos.iter().map(|photo| photo.camera.clone()).collect() };
     let rotation = match upright_cameras(&rig, up) {

@@ -183,7 +183,7 @@ impl RunColmap {
     /// Checks how many photographs have a pose, and how well they agree on the points.
     fn judge(
         &self,
-        found: &model::Found,
+        found: &model::Reconstruction,
         names: &[String],
         others: usize,
         notes: &mut Notes,

@@ -16,14 +16,14 @@ use scene::types::{Camera, Cell, Lens, Photo, Report, Table};
 use crate::program::WorkFolder;
 
 /// A reconstruction.
-pub struct Found {
+pub struct Reconstruction {
     /// The undistorted photographs with a pose, in the order of their names.
     pub photos: Vec<Photo>,
     /// The points.
     pub points: Vec<ScoredPoint>,
 }
 
-impl Found {
+impl Reconstruction {
     /// Mean reprojection error of the points in pixels, as COLMAP states it; 0 without points.
     pub fn error_px(&self) -> f64 {
         let sum: f64 = self.points.iter().map(|scored| scored.error_px).sum();
@@ -41,7 +41,7 @@ impl Found {
 ///
 /// # Errors
 /// If a file is missing or damaged.
-pub fn read(folder: &WorkFolder, cx: &Context) -> Result<Found, NodeError> {
+pub fn read(folder: &WorkFolder, cx: &Context) -> Result<Reconstruction, NodeError> {
     let program = "COLMAP (undistortion)";
     let output = |file: &str| folder.output(file, program, "its other steps succeeded");
     let [cameras, images, found] =
@@ -91,11 +91,11 @@ pub fn read(folder: &WorkFolder, cx: &Context) -> Result<Found, NodeError> {
         let pixels = codes(&of_size(picture, &camera).map_err(|e| NodeError::new(e.to_string()).at("path"))?);
         photos.push(Photo { camera, pixels });
     }
-    Ok(Found { photos, points: scored })
+    Ok(Reconstruction { photos, points: scored })
 }
 
 /// The report of a reconstruction.
-pub fn report(found: &Found, names: &[String], version: &str) -> Report {
+pub fn report(found: &Reconstruction, names: &[String], version: &str) -> Report {
     let observations: u64 = found.points.iter().map(|scored| scored.observations).sum();
     let per = |count: usize| {
         if count == 0 { Cell::Missing } else { Cell::Number(observations as f64 / count as f64) }
