@@ -70,6 +70,25 @@ const MOST_PLANNED: usize = 2000;
 /// is not 0 has failed.
 const DEGRADED: u8 = 3;
 
+/// A run that has ended.
+struct Executed {
+    outcome: Outcome,
+    done: Done,
+    /// With `--json`, the event of the end: it is printed last, after failures and findings.
+    end: Option<Event>,
+}
+
+/// Compares the splats, the mesh and the cameras of a run, and shows the findings. If another node failed, what the run
+/// has of them is compared.
+fn compare_scene(engine: &Engine, graph: &Graph, done: &Done, report: &mut Report) {
+    let mut memory = Memory::of_store(engine.store(), &graph.source, &graph.root);
+    let found = agreement::findings(engine, graph, done, &mut memory);
+    memory.keep(engine.store(), &graph.source, done, &found);
+    for (id, text) in found {
+        report.show(&Event::Warning { id, text });
+    }
+}
+
 impl Run {
     /// Runs the graph and returns the exit code of the run.
     pub fn run(self) -> Result<u8, Error> {
@@ -103,21 +122,7 @@ impl Run {
             at_end_of_input(move || stop.store(true, Ordering::Relaxed));
         }
         let (engine, remote) = self.remote.connect(engine, &cancel, |warning| self.report().show(warning))?;
-        if let Some(error) = self.max_error {
-            let sets_error =
-                |set: &&String| set.split('=').next().is_some_and(|f| f.trim().ends_with(".max_error"));
-            if let Some(set) = self.graph.set.iter().find(sets_error) {
-                let text =
-                    format!("`--max-error` and `--set {set}` both set `max_error`; remove one of them");
-                return Err(Error::usage(text));
-            }
-            let chosen;
-            (loaded, chosen) = budget::to_error(loaded, error)?;
-            if !chosen.is_empty() {
-                let why = "with `--max-error`, the maximum number of samples is taken from the graph, not from a preset";
-                self.print_chosen(json!({"max_error": error}), &chosen, why);
-            }
-        }
+        loaded = self.to_error(loaded)?;
         if let Some(time) = time {
             if let Some(code) = self.pilot(&loaded, &engine, &cancel)? {
                 return Ok(code);
@@ -134,7 +139,7 @@ impl Run {
             report.show(&Event::Warning { id: "no-file", text });
         }
         let options = RunOptions {
-            out: self.out,
+            out: self.out.clone(),
             texts: loaded.texts.clone(),
             only: only.clone(),
             cancel,
@@ -144,41 +149,12 @@ impl Run {
         if report.shows_forecast() && graph.nodes.len() <= MOST_PLANNED {
             report.expect(&engine.plan(graph, only));
         }
-        let mut trace = Trace::default();
-        // Failures are printed before the end, which is the last line of JSON.
-        let (mut end, mut done) = (None, Done::default());
-        let mut stale = Vec::new();
-        let outcome = engine.run(graph, &options, |event| {
-            trace.add(&event);
-            done.add(&event);
-            match &event {
-                Event::Node { id, state: State::Failed | State::Skipped, .. } => {
-                    stale.extend(earlier_file(graph, id, &options.out));
-                }
-                Event::Done(totals) if !totals.stopped => {
-                    stale.drain(..).for_each(|path| report.show(&Event::Stale { path }));
-                }
-                _ => {}
-            }
-            match event {
-                Event::Done(_) if self.json => end = Some(event),
-                event => report.show(&event),
-            }
-        });
-        if let Some(path) = &self.trace {
-            cache::publish_file(path, &trace.finish())?;
-        }
+        let Executed { outcome, done, end } = self.execute(&engine, graph, &options, &mut report)?;
         if let Some(failures) = &outcome.failures {
             terminal::mistakes(failures, self.json);
         }
-        // If another node failed, what this run has of splats, mesh and cameras is still compared.
         if !outcome.totals.stopped {
-            let mut memory = Memory::of_store(engine.store(), &graph.source, &graph.root);
-            let found = agreement::findings(&engine, graph, &done, &mut memory);
-            memory.keep(engine.store(), &graph.source, &done, &found);
-            for (id, text) in found {
-                report.show(&Event::Warning { id, text });
-            }
+            compare_scene(&engine, graph, &done, &mut report);
         }
         if let Some(time) = time.filter(|time| begin.elapsed() > *time) {
             let [took, asked] =
@@ -205,6 +181,57 @@ impl Run {
         // The process ends: freeing a large graph would only take time.
         std::mem::forget(loaded.graph);
         Ok(outcome.totals.exit_code())
+    }
+
+    /// The graph with the settings of `--max-error`; unchanged without this option.
+    fn to_error(&self, loaded: Loaded) -> Result<Loaded, Error> {
+        let Some(error) = self.max_error else { return Ok(loaded) };
+        let sets_error =
+            |set: &&String| set.split('=').next().is_some_and(|field| field.trim().ends_with(".max_error"));
+        if let Some(set) = self.graph.set.iter().find(sets_error) {
+            let text = format!("`--max-error` and `--set {set}` both set `max_error`; remove one of them");
+            return Err(Error::usage(text));
+        }
+        let (loaded, chosen) = budget::to_error(loaded, error)?;
+        if !chosen.is_empty() {
+            let why = "with `--max-error`, the maximum number of samples is taken from the graph, not from a preset";
+            self.print_chosen(json!({"max_error": error}), &chosen, why);
+        }
+        Ok(loaded)
+    }
+
+    /// Runs the graph, shows its events, and writes the trace.
+    fn execute(
+        &self,
+        engine: &Engine,
+        graph: &Graph,
+        options: &RunOptions,
+        report: &mut Report,
+    ) -> Result<Executed, Error> {
+        let mut trace = Trace::default();
+        let (mut end, mut done) = (None, Done::default());
+        let mut stale = Vec::new();
+        let outcome = engine.run(graph, options, |event| {
+            trace.add(&event);
+            done.add(&event);
+            match &event {
+                Event::Node { id, state: State::Failed | State::Skipped, .. } => {
+                    stale.extend(earlier_file(graph, id, &options.out));
+                }
+                Event::Done(totals) if !totals.stopped => {
+                    stale.drain(..).for_each(|path| report.show(&Event::Stale { path }));
+                }
+                _ => {}
+            }
+            match event {
+                Event::Done(_) if self.json => end = Some(event),
+                event => report.show(&event),
+            }
+        });
+        if let Some(path) = &self.trace {
+            cache::publish_file(path, &trace.finish())?;
+        }
+        Ok(Executed { outcome, done, end })
     }
 
     /// If nothing has changed since the last run, reports the outcome of that run again; see [`run_unchanged`].
