@@ -18,7 +18,8 @@ pub struct ColumnEntry {
 /// would need millions of entries.
 const MOST_ENTRIES: usize = 50_000;
 
-/// The entries of each column, from top to bottom. A node is in the column after the rightmost of its inputs.
+/// The entries of each column, from top to bottom. A node is after its inputs and before its readers, in the last column
+/// that the wires of its inputs reach anyway.
 /// Within a column, entries are sorted by the average row of their inputs in the previous column, then by the
 /// position of their node in the file.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -45,6 +46,18 @@ fn columns(graph: &Graph) -> Option<Vec<Vec<ColumnEntry>>> {
         for &above in graph.reads(index) {
             last[above] = last[above].max(column[index]);
         }
+    }
+    // As late as possible, so that few nodes share the first columns, and not later than the wires of the inputs reach.
+    let mut first = vec![usize::MAX; graph.nodes.len()];
+    for &index in graph.order().iter().rev() {
+        let reach = graph.reads(index).iter().map(|&above| last[above]).min().unwrap_or(usize::MAX);
+        if first[index] != usize::MAX {
+            column[index] = column[index].max(reach.min(first[index] - 1));
+        }
+        graph.reads(index).iter().for_each(|&above| first[above] = first[above].min(column[index]));
+    }
+    for index in 0..graph.nodes.len() {
+        graph.reads(index).iter().for_each(|&above| last[above] = last[above].max(column[index]));
     }
     let count = column.iter().max().map_or(0, |last| last + 1);
     let entries: usize =

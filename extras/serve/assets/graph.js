@@ -87,7 +87,7 @@ export function Graph(choose) {
       lines, boxes.map((one) => one.group));
     drawing.lines = lines;
     // A wide graph is made smaller, but stays readable; the rest is scrolled to.
-    drawing.style.minWidth = `${Math.round(width * k * 0.7)}px`;
+    drawing.style.minWidth = `${Math.round(width * k * 0.66)}px`;
     show(place, drawing);
     view.nodes.forEach((node) => update(node.id, nodes[node.id]));
     mark(chosen);
