@@ -7,6 +7,7 @@ mod architecture;
 mod arithmetic;
 mod axes;
 mod bundles;
+mod columns;
 mod failures;
 mod faults;
 mod fuzz;
