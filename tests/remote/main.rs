@@ -3,6 +3,7 @@
 
 use std::io::{BufRead, BufReader};
 use std::process::{Output, Stdio};
+use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
@@ -32,6 +33,11 @@ impl User {
 
     /// Watches the graph until its first picture is finished, and then closes standard input. Returns all events.
     fn watch(&self, arguments: &[&str]) -> RunLog {
+        self.watch_with(arguments, |_| {})
+    }
+
+    /// The same; `each` is called with each event.
+    fn watch_with(&self, arguments: &[&str], mut each: impl FnMut(&Value)) -> RunLog {
         let mut command = self.0.command(
             &[&["watch", "graph.ron", "--json", "--stop-at-eof", "--no-preview"], arguments].concat(),
         );
@@ -41,7 +47,8 @@ impl User {
         let mut events: Vec<Value> = Vec::new();
         for line in BufReader::new(child.stdout.take().unwrap()).lines() {
             let event: Value = serde_json::from_str(&line.unwrap()).unwrap();
-            if event["event"] == "done" {
+            each(&event);
+            if event["event"] == "done" && event["stopped"] != true {
                 input = None;
             }
             events.push(event);
@@ -208,4 +215,66 @@ fn a_server_computes_nodes() {
         let error = carla.bad(&[&["run", "graph.ron", "--set", "trace.samples=1"], wrong].concat());
         assert!(error.contains(message), "{error}");
     }
+}
+
+/// Processes of workers that compute nodes.
+fn busy_workers() -> Vec<u32> {
+    let processes = std::fs::read_dir("/proc").into_iter().flatten().flatten();
+    let ids = processes.filter_map(|entry| entry.file_name().to_str()?.parse::<u32>().ok());
+    let computes = |id: &u32| {
+        let command = std::fs::read(format!("/proc/{id}/cmdline")).unwrap_or_default();
+        command.starts_with(b"./lightharmony\0action\0run\0")
+    };
+    ids.filter(computes).collect()
+}
+
+/// `watch` and `tune` have nodes computed by workers, and an edit ends what a worker computes for the text before it.
+#[test]
+fn watching_and_tuning_use_workers() {
+    let Some(server) = Casd::executing() else { return };
+    let address = server.address();
+    let remote = ["--remote", &address, "--remote-execute"];
+    let (alone, anna) = (User::new(), User::new());
+    alone.run(&["--remote", "none"]).good();
+
+    // More than a minute of work for `trace`, until the text is edited.
+    anna.0.write(&INSERT.replace("samples: 4)", "samples: 20000)"));
+    let mut before = None;
+    let log = anna.watch_with(&remote, |event| {
+        if before.is_none()
+            && event["event"] == "stage"
+            && event["id"] == "trace"
+            && event["stage"] == "queued"
+        {
+            let begin = Instant::now();
+            while busy_workers().is_empty() && begin.elapsed() < Duration::from_secs(20) {
+                std::thread::sleep(Duration::from_millis(50));
+            }
+            std::thread::sleep(Duration::from_secs(1));
+            before = Some(busy_workers());
+            anna.0.write(INSERT);
+        }
+    });
+    let before = before.expect("`trace` goes to a worker");
+    assert!(!before.is_empty(), "a worker computes `trace`");
+    assert_eq!(alone.0.outputs(), anna.0.outputs());
+    assert!(traffic(&log)["executed"].as_u64().unwrap() >= 4, "{}", traffic(&log));
+    let begin = Instant::now();
+    while busy_workers().iter().any(|worker| before.contains(worker)) {
+        assert!(
+            begin.elapsed() < Duration::from_secs(20),
+            "a worker still computes the text before the edit"
+        );
+        std::thread::sleep(Duration::from_millis(100));
+    }
+
+    // The search begins with the best settings, which take long for larger pictures.
+    anna.0.write(&INSERT.replace("width_px: 96, height_px: 54, fov", "width_px: 16, height_px: 9, fov"));
+    let tune = ["tune", "graph.ron", "--max-error", "flip=0.2", "--budget", "2"];
+    let output = anna.call(&[&tune[..], &remote[..]].concat());
+    let text = [output.stdout, output.stderr].concat();
+    let text = String::from_utf8_lossy(&text);
+    let computed =
+        text.split("computed: ").nth(1).and_then(|rest| rest.split(';').next()?.parse::<u32>().ok());
+    assert!(computed.is_some_and(|count| count > 0), "{text}");
 }
