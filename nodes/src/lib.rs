@@ -80,6 +80,7 @@ fn built_in() -> Registry {
         KindEntry::of::<load_panorama::LoadPanorama>(),
         KindEntry::of::<load_photos::LoadPhotos>(),
         KindEntry::of::<load_splats::LoadSplats>(),
+        KindEntry::of::<object_mattes::ObjectMattes>(),
         KindEntry::of::<override_material::OverrideMaterial>(),
         KindEntry::of::<path_trace::PathTrace>(),
         KindEntry::of::<pick_cameras::PickCameras>(),

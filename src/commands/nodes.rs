@@ -60,6 +60,7 @@ const STAGES: [(&str, &[&str]); 7] = [
             "bake-shadow",
             "composite",
             "denoise",
+            "object-mattes",
             "path-trace",
             "region-masks",
             "shadow-ratio",

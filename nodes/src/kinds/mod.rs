@@ -28,6 +28,7 @@ pub mod load_object;
 pub mod load_panorama;
 pub mod load_photos;
 pub mod load_splats;
+pub mod object_mattes;
 pub mod override_material;
 pub mod path_trace;
 pub mod pick_cameras;
