@@ -90,6 +90,7 @@ fn built_in() -> Registry {
         KindEntry::of::<predict_exposure::PredictExposure>(),
         KindEntry::of::<region_masks::RegionMasks>(),
         KindEntry::of::<run_colmap::RunColmap>(),
+        KindEntry::of::<run_ocio::RunOcio>(),
         KindEntry::of::<run_program::RunProgram>(),
         KindEntry::of::<score_env::ScoreEnv>(),
         KindEntry::of::<shadow_ratio::ShadowRatio>(),

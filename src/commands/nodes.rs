@@ -63,6 +63,7 @@ const STAGES: [(&str, &[&str]); 7] = [
             "object-mattes",
             "path-trace",
             "region-masks",
+            "run-ocio",
             "shadow-ratio",
             "splat-render",
         ],

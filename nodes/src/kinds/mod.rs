@@ -38,6 +38,7 @@ pub mod pose;
 pub mod predict_exposure;
 pub mod region_masks;
 pub mod run_colmap;
+pub mod run_ocio;
 pub mod run_program;
 pub mod score_env;
 pub mod shadow_ratio;
