@@ -111,7 +111,8 @@ def baked(place):
 def mistakes(place):
     (place / "broken.ocio").write_text("ocio_profile_version: 2\nroles: [\n")
     (place / "luts.ocio").write_text(
-        "ocio_profile_version: 2\nroles: {default: a}\nsearch_path: luts\ncolorspaces:\n"
+        "ocio_profile_version: 2\nroles: {default: a}\nsearch_path: luts\nfile_rules: [!<Rule> {name: Default, colorspace: a}]\n"
+        "displays: {d: [!<View> {name: v, colorspace: b}]}\ncolorspaces:\n"
         "  - !<ColorSpace> {name: a}\n  - !<ColorSpace> {name: b, from_scene_reference: !<FileTransform> {src: look.spi1d}}\n")
     write(place / "in.exr", np.ones((SIDE * SIDE, 3)))
     for fields in [

@@ -21,6 +21,8 @@ WORKING = "Linear Rec.709 (sRGB)"
 BUILT_IN = "ocio://cg-config-v2.1.0_aces-v1.3_ocio-v2.3"
 # Optimisations must not change numbers.
 EXACT = ocio.OPTIMIZATION_LOSSLESS
+# The second is not a subclass of the first.
+ERRORS = (ocio.Exception, ocio.ExceptionMissingFile)
 
 
 def mistake(field, message, near=()):
@@ -42,6 +44,8 @@ def space(config, field, name):
         try:
             built_in = ocio.Config.CreateFromBuiltinConfig(BUILT_IN)
             return ocio.Config.IdentifyBuiltinColorSpace(config, built_in, WORKING)
+        except ocio.ExceptionMissingFile as error:
+            mistake("files", str(error).strip())
         except ocio.Exception as error:
             mistake(field, f"the configuration has no space that is known to be linear Rec.709 ({error})")
     found = config.getColorSpace(name)
@@ -71,13 +75,13 @@ def main():
     place = "builtin" if request["config"].startswith("ocio://") else "config"
     try:
         config = ocio.Config.CreateFromFile(request["config"])
-    except ocio.Exception as error:
+    except ERRORS as error:
         mistake(place, str(error).strip())
     found, names = transform(config, request)
     try:
         processor = config.getProcessor(found)
         exact = processor.getOptimizedCPUProcessor(ocio.BIT_DEPTH_F32, ocio.BIT_DEPTH_F32, EXACT)
-    except ocio.Exception as error:
+    except ERRORS as error:
         # Most often a file that the configuration needs.
         mistake("files" if place == "config" else place, str(error).strip())
     for name in request["files"]:

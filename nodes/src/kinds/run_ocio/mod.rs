@@ -67,7 +67,7 @@ engine::outputs! {
     }
 }
 
-/// What OpenColorIO reports.
+/// Report of OpenColorIO.
 #[derive(Deserialize)]
 struct Done {
     version: String,
