@@ -57,6 +57,7 @@ fn built_in() -> Registry {
     Registry::new(vec![
         KindEntry::of::<adjust_light::AdjustLight>(),
         KindEntry::of::<alpha_shadow::AlphaShadow>(),
+        KindEntry::of::<average_images::AverageImages>(),
         KindEntry::of::<bake_shadow::BakeShadow>(),
         KindEntry::of::<camera::Camera>(),
         KindEntry::of::<compare::Compare>(),

@@ -57,6 +57,7 @@ const STAGES: [(&str, &[&str]); 7] = [
         "render",
         &[
             "alpha-shadow",
+            "average-images",
             "bake-shadow",
             "composite",
             "denoise",

@@ -5,6 +5,7 @@
 
 pub mod adjust_light;
 pub mod alpha_shadow;
+pub mod average_images;
 pub mod bake_shadow;
 pub mod camera;
 pub mod compare;
