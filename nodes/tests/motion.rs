@@ -143,7 +143,7 @@ fn a_moving_square_covers_pixels_for_a_share_of_the_time() {
 #[test]
 fn the_shadow_of_a_moving_object_is_the_ratio_of_averages() {
     let [without, with, _] = moved(8, 8, [1.0, 0.0]);
-    let inputs = shadow_ratio::In { without: without.clone(), with: with.clone() };
+    let inputs = shadow_ratio::In { without, with };
     let shadow = ShadowRatio::run(&ShadowRatio::default(), inputs, &context()).unwrap().0.shadow;
     let still = traced(0.0, 64, 0, [1.0, 0.0]);
     let inputs = shadow_ratio::In { without: still[0].clone(), with: still[1].clone() };

@@ -252,7 +252,8 @@ fn alpha_of(picture: &Picture, port: &'static str) -> Result<Vec<f64>, NodeError
     }
     let last = picture.samples().iter().skip(channels - 1).step_by(channels);
     // NaN becomes 0.
-    Ok(last.map(|alpha| f64::from(alpha.max(0.0).min(1.0))).collect())
+    let limited = |alpha: &f32| if *alpha > 0.0 { f64::from(alpha.min(1.0)) } else { 0.0 };
+    Ok(last.map(limited).collect())
 }
 
 /// Notes about pixels that took the shares of others, that no object is near, and that show more objects than there are

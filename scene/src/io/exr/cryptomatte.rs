@@ -72,11 +72,13 @@ pub fn channels(mattes: &Mattes, view: &MatteView) -> Vec<Channel> {
     let pixels = view.width * view.height;
     let mut all = Vec::new();
     for layer in 0..view.ranks.div_ceil(PAIRS) {
-        let mut planes = [(); 2 * PAIRS].map(|()| vec![0.0; pixels]);
+        let mut planes = [(); 2 * PAIRS].map(|()| Vec::with_capacity(pixels));
         for pixel in 0..pixels {
-            for (at, (index, coverage)) in view.pairs(pixel).skip(layer * PAIRS).take(PAIRS).enumerate() {
-                planes[2 * at][pixel] = identifiers[index as usize];
-                planes[2 * at + 1][pixel] = coverage;
+            let mut pairs = view.pairs(pixel).skip(layer * PAIRS);
+            for pair in planes.as_chunks_mut::<2>().0 {
+                let (index, coverage) = pairs.next().unzip();
+                pair[0].push(index.map_or(0.0, |index| identifiers[index as usize]));
+                pair[1].push(coverage.unwrap_or(0.0));
             }
         }
         let named =
