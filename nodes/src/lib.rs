@@ -57,6 +57,7 @@ fn built_in() -> Registry {
     Registry::new(vec![
         KindEntry::of::<adjust_light::AdjustLight>(),
         KindEntry::of::<alpha_shadow::AlphaShadow>(),
+        KindEntry::of::<average_images::AverageImages>(),
         KindEntry::of::<bake_shadow::BakeShadow>(),
         KindEntry::of::<camera::Camera>(),
         KindEntry::of::<compare::Compare>(),
@@ -80,6 +81,7 @@ fn built_in() -> Registry {
         KindEntry::of::<load_panorama::LoadPanorama>(),
         KindEntry::of::<load_photos::LoadPhotos>(),
         KindEntry::of::<load_splats::LoadSplats>(),
+        KindEntry::of::<object_mattes::ObjectMattes>(),
         KindEntry::of::<override_material::OverrideMaterial>(),
         KindEntry::of::<path_trace::PathTrace>(),
         KindEntry::of::<pick_cameras::PickCameras>(),
@@ -89,6 +91,7 @@ fn built_in() -> Registry {
         KindEntry::of::<predict_exposure::PredictExposure>(),
         KindEntry::of::<region_masks::RegionMasks>(),
         KindEntry::of::<run_colmap::RunColmap>(),
+        KindEntry::of::<run_ocio::RunOcio>(),
         KindEntry::of::<run_program::RunProgram>(),
         KindEntry::of::<score_env::ScoreEnv>(),
         KindEntry::of::<shadow_ratio::ShadowRatio>(),

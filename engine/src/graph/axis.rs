@@ -135,10 +135,28 @@ fn range(from: f64, to: f64, step: f64) -> Result<Vec<String>, String> {
 enum Call<'t> {
     /// The value of the named axis.
     Axis(#[serde(borrow)] Cow<'t, str>),
-    /// A value that depends on the value of the named axis, interpolated between keys. The keys are in ascending
-    /// order of axis value. Each key is a pair of an axis value and either one number or several numbers in
+    /// A value that depends on the value of the named axis, or on the sum of the values of several axes, interpolated
+    /// between keys. The keys are in ascending order of axis value. Each key is a pair of an axis value and either one number or several numbers in
     /// parentheses.
-    Track(Cow<'t, str>, #[serde(borrow)] Vec<(f64, &'t RawValue)>),
+    Track(#[serde(borrow)] Names<'t>, #[serde(borrow)] Vec<(f64, &'t RawValue)>),
+}
+
+/// The name of an axis, or a list of names.
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum Names<'t> {
+    One(#[serde(borrow)] Cow<'t, str>),
+    Sum(#[serde(borrow)] Vec<Cow<'t, str>>),
+}
+
+impl Call<'_> {
+    /// The names of the axes that the call reads.
+    fn names(&self) -> &[Cow<'_, str>] {
+        match self {
+            Call::Axis(name) | Call::Track(Names::One(name), _) => std::slice::from_ref(name),
+            Call::Track(Names::Sum(names), _) => names,
+        }
+    }
 }
 
 /// Names of the calls in [`Call`].
@@ -166,24 +184,33 @@ pub(crate) fn axes_read(
             Diagnostic::new(place.clone(), format!("`{}` is not a valid use of an axis", shown(text)))
                 .hint("write `Axis(\"yaw\")`, or `Track(\"frame\", [(0, 1.0), (11, 2.5)])`")
         })?;
-        let (Call::Axis(name) | Call::Track(name, _)) = &call;
-        let Some(index) = axes.iter().position(|axis| axis.name == name) else {
-            let mistake = Diagnostic::new(place, format!("the graph has no axis `{}`", shown(name)));
-            return Err(match nearest(name, axes.iter().map(|axis| axis.name)) {
-                Some(near) => mistake.hint(format!("did you mean `{near}`?")),
-                None => mistake.hint("axes are declared next to `nodes`: `axes: (yaw: List([0.0, 15.0]))`"),
-            });
-        };
-        if let Call::Track(_, keys) = &call
-            && axes[index].is_whole()
-        {
-            let first = axes[index].values.first().map_or("", String::as_str);
-            let fits = track(keys, first).map_err(|why| Diagnostic::new(place, why));
-            fits?;
+        if call.names().is_empty() {
+            let mistake = Diagnostic::new(place, "`Track` needs the name of an axis");
+            return Err(mistake.hint("write `Track(\"frame\", [(0, 1.0), (11, 2.5)])`"));
         }
-        read.push(index);
+        for name in call.names() {
+            let index = axes.iter().position(|axis| axis.name == name);
+            let index = index.ok_or_else(|| unknown(name, place.clone(), axes))?;
+            if let Call::Track(_, keys) = &call
+                && axes[index].is_whole()
+            {
+                let first = axes[index].values.first().map_or("", String::as_str);
+                let fits = number(first).and_then(|value| track(keys, value));
+                fits.map_err(|why| Diagnostic::new(place.clone(), why))?;
+            }
+            read.push(index);
+        }
     }
     Ok(read)
+}
+
+/// The mistake of a name that no axis has.
+fn unknown(name: &str, place: Range<usize>, axes: &[Axis<'_>]) -> Diagnostic {
+    let mistake = Diagnostic::new(place, format!("the graph has no axis `{}`", shown(name)));
+    match nearest(name, axes.iter().map(|axis| axis.name)) {
+        Some(near) => mistake.hint(format!("did you mean `{near}`?")),
+        None => mistake.hint("axes are declared next to `nodes`: `axes: (yaw: List([0.0, 15.0]))`"),
+    }
 }
 
 /// Replaces each call in a field with its value at a point. `at` maps the index of an axis to the index of the
@@ -200,12 +227,16 @@ pub(crate) fn at_point<'t>(text: &'t str, axes: &[Axis<'_>], at: impl Fn(usize) 
         end = span.end;
         // Mistakes in calls were reported by `axes_read`.
         let value = parse_value::<Call<'_>>(&text[span]).ok().and_then(|call| {
-            let (Call::Axis(name) | Call::Track(name, _)) = &call;
-            let index = axes.iter().position(|axis| axis.name == name)?;
-            let value = axes[index].values.get(at(index))?;
+            let value = |name: &Cow<'_, str>| {
+                let index = axes.iter().position(|axis| axis.name == name)?;
+                axes[index].values.get(at(index))
+            };
             match &call {
-                Call::Axis(_) => Some(value.clone()),
-                Call::Track(_, keys) => track(keys, value).ok(),
+                Call::Axis(name) => value(name).cloned(),
+                Call::Track(_, keys) => {
+                    let each = call.names().iter().map(|name| number(value(name)?).ok());
+                    track(keys, each.sum::<Option<f64>>()?).ok()
+                }
             }
         });
         out.push_str(&value.unwrap_or_default());
@@ -216,10 +247,7 @@ pub(crate) fn at_point<'t>(text: &'t str, axes: &[Axis<'_>], at: impl Fn(usize) 
 
 /// The value of a track at the axis value `place`, as text. It is interpolated linearly between the keys, and
 /// constant before the first and after the last key.
-fn track(keys: &[(f64, &RawValue)], place: &str) -> Result<String, String> {
-    let place: f64 = place
-        .parse()
-        .map_err(|_| format!("`Track` needs an axis of numbers, but `{place}` is not a number"))?;
+fn track(keys: &[(f64, &RawValue)], place: f64) -> Result<String, String> {
     let keys: Vec<(f64, Vec<f64>)> = keys
         .iter()
         .map(|(at, value)| Some((*at, numbers(value.get_ron())?)))
@@ -246,6 +274,11 @@ fn track(keys: &[(f64, &RawValue)], place: &str) -> Result<String, String> {
     let text = |value: &f64| if whole(value) { format!("{value:.0}") } else { format!("{value:?}") };
     let texts: Vec<String> = values.iter().map(text).collect();
     Ok(if texts.len() == 1 { texts.concat() } else { format!("({})", texts.join(", ")) })
+}
+
+/// The value of an axis of numbers.
+fn number(value: &str) -> Result<f64, String> {
+    value.parse().map_err(|_| format!("`Track` needs an axis of numbers, but `{value}` is not a number"))
 }
 
 /// Parses one number, or several numbers in parentheses.
@@ -318,6 +351,8 @@ mod tests {
         assert_eq!(at("Track(\"frame\", [(0, 1), (2, 2)])", [0, 1, 0]), "1.5");
         assert_eq!(at("Track(\"frame\", [(1, (0, 1, 2)), (2, (1, 1, 1))])", [0, 0, 0]), "(0, 1, 2)");
         assert_eq!(at("Track(\"frame\", [(0, 1), (1, 4)])", [0, 2, 0]), "4");
+        assert_eq!(at("Track([\"frame\"], [(0, 1), (1, 4)])", [0, 2, 0]), "4");
+        assert_eq!(at("Track([\"frame\", \"yaw\"], [(0, 0), (20, 40)])", [1, 2, 0]), "34", "2 + 15.0");
     }
 
     #[test]
@@ -325,7 +360,11 @@ mod tests {
         let read = |text: &str| axes_read(text, &(5..5 + text.len()), &axes());
         assert_eq!(read("(Axis(\"frame\"), Axis(\"yaw\"))"), Ok(vec![1, 0]));
         assert_eq!(read("\"plain\""), Ok(vec![]));
+        assert_eq!(read("Track([\"frame\", \"yaw\"], [(0, 1)])"), Ok(vec![1, 0]));
         let wrong = |text| read(text).expect_err(text);
+        assert!(wrong("Track([\"frame\", \"yow\"], [(0, 1)])").hints[0].contains("did you mean `yaw`?"));
+        assert!(wrong("Track([\"frame\", \"file\"], [(0, 1)])").message.contains("needs an axis of numbers"));
+        assert!(wrong("Track([], [(0, 1)])").message.contains("needs the name of an axis"));
         assert_eq!(wrong("(1, Axis(\"yow\"))").span, 9..20);
         assert!(wrong("Axis(\"yow\")").hints[0].contains("did you mean `yaw`?"));
         assert!(wrong("Axis(yaw)").message.contains("is not a valid use of an axis"));

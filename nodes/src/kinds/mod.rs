@@ -5,6 +5,7 @@
 
 pub mod adjust_light;
 pub mod alpha_shadow;
+pub mod average_images;
 pub mod bake_shadow;
 pub mod camera;
 pub mod compare;
@@ -28,6 +29,7 @@ pub mod load_object;
 pub mod load_panorama;
 pub mod load_photos;
 pub mod load_splats;
+pub mod object_mattes;
 pub mod override_material;
 pub mod path_trace;
 pub mod pick_cameras;
@@ -37,6 +39,7 @@ pub mod pose;
 pub mod predict_exposure;
 pub mod region_masks;
 pub mod run_colmap;
+pub mod run_ocio;
 pub mod run_program;
 pub mod score_env;
 pub mod shadow_ratio;

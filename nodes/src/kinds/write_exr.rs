@@ -8,10 +8,12 @@ use engine::{
 use scene::io::exr::{self, CameraMatrices, Channel, Depth};
 use scene::io::progress::Progress;
 use scene::math::color::space::{Conversion, Space};
-use scene::types::{Encoding, Images, Linear, Picture, Rig};
+use scene::types::{Encoding, Images, Linear, Mattes, Picture, Rig};
 
+mod mattes;
 mod plate;
 
+use mattes::{add_mattes, more_attributes};
 use plate::{Plate, ROUNDING, STORED};
 
 engine::choices! {
@@ -44,6 +46,8 @@ engine::params! {
     /// attribute `lightharmony:encoding` records the encoding of each layer, and `chromaticities` the primaries.
     /// Other programs ignore the first attribute and treat all colours as linear, so mixed encodings are reported.
     /// The same input gives the same bytes.
+    ///
+    /// `mattes` are written as Cryptomatte; they are not colours, so `encoding` and `half` do not change them.
     ///
     /// A plate in another colour space would return from the working space with rounding errors of 1e-7. If `plate` and
     /// `stored` are wired, pixels of colour that equal those of the plate are written with the numbers of its file.
@@ -79,6 +83,9 @@ engine::inputs! {
         /// The numbers of the file of the plate, which must be in the space of `encoding`: a `load-image` of the same
         /// file with `encoding: Data`.
         stored: Option<Arc<Images>>,
+        /// Mattes of objects, each with a name of its own, written as Cryptomatte: their layers, in 32-bit floats, and
+        /// their attributes.
+        mattes: Vec<Arc<Mattes>>,
     }
 }
 engine::outputs! {
@@ -168,6 +175,7 @@ impl Kind for WriteExr {
             return Err(NodeError::new("there is no view to write").at("image"));
         }
         let recipe = cx.recipe().filter(|_| p.recipe);
+        let more = more_attributes(&inputs.mattes)?;
         for (index, view) in views.iter().enumerate() {
             let progress = Progress::of(cx, 0.0, 1.0).piece(index, views.len());
             progress.report(0.0)?;
@@ -200,6 +208,7 @@ impl Kind for WriteExr {
                 };
                 encodings.push(format!("{name}={encoding}"));
             }
+            add_mattes(&inputs.mattes, (&view.name, width, height), &mut channels)?;
             let encodings = encodings.join(" ");
             let primaries = p.encoding.space().primaries();
             if let Some(twice) = repeated(&channels) {
@@ -211,7 +220,7 @@ impl Kind for WriteExr {
                 Some(rig) => Some(camera_of(rig, &view.name, (width, height))?),
                 None => None,
             };
-            let attributes = exr::Attributes { encoding: &encodings, recipe, primaries, camera };
+            let attributes = exr::Attributes { encoding: &encodings, recipe, primaries, camera, more: &more };
             let (bytes, clamped) = exr::write_for(width, height, channels, attributes, progress)?;
             if clamped > 0 {
                 let what = format!(

@@ -8,12 +8,14 @@ mod find;
 mod folder;
 mod group;
 mod log;
+mod python;
 
 pub use error::ProgramError;
 pub use find::find;
 pub use folder::{WorkFolder, stays_inside};
 pub use group::{Call, run};
 pub use log::{Log, fraction_in};
+pub use python::library_of;
 
 #[cfg(all(test, unix))]
 mod tests;

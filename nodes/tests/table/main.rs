@@ -60,6 +60,8 @@ impl Fixture {
         for (name, text) in [
             ("colmap.sh", files::COLMAP.replace("MODEL", "model")),
             ("colmap-b.sh", files::COLMAP.replace("MODEL", "model_b")),
+            ("ocio.sh", files::OCIO.replace("FROM", "a a")),
+            ("ocio-b.sh", files::OCIO.replace("FROM", "'\\076' '\\075'")),
             ("stand-in.sh", files::TRAINER.replace("FIRST", "splats.ply")),
             ("stand-in-b.sh", files::TRAINER.replace("FIRST", "b.ply")),
         ] {
@@ -110,6 +112,7 @@ fn handmade() -> Vec<(&'static str, Vec<u8>)> {
         ("splats.ply", files::splats_ply(12)),
         ("b.ply", files::splats_ply(3)),
         ("object.glb", files::object_glb()),
+        ("other.ocio", b"ocio_profile_version: 2\n".into()),
         ("points3D.txt", b"1 0.1 0.2 0.5 255 0 0 0.5\n2 0.3 -0.2 0.5 0 255 0 0.5\n".into()),
     ]
 }

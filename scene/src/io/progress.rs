@@ -211,7 +211,8 @@ mod tests {
         let png_bytes = png::write(&raster, true, &[]).expect("packs");
         let jpeg_bytes = jpeg::write(&raster, 80, None).expect("packs");
         let exr_bytes = exr::write(width, height, planes().into(), "", None).expect("packs").0;
-        let attributes = exr::Attributes { encoding: "", recipe: None, primaries: &REC709, camera: None };
+        let attributes =
+            exr::Attributes { encoding: "", recipe: None, primaries: &REC709, camera: None, more: &[] };
         type Work<'a> = Box<dyn Fn(Progress<'_>) -> bool + 'a>;
         let works: [(&str, Work<'_>); 9] = [
             ("read PNG", Box::new(|s| png::read_for("a", &png_bytes, s).is_ok())),

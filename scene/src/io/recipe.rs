@@ -34,7 +34,9 @@ fn in_png(bytes: &[u8]) -> Option<String> {
 
 fn in_exr(bytes: &[u8]) -> Option<String> {
     let meta = exr::prelude::MetaData::read_from_buffered(Cursor::new(bytes), false).ok()?;
-    meta.headers.first()?.own_attributes.comments.as_ref().map(ToString::to_string)
+    let comments = meta.headers.first()?.own_attributes.comments.as_ref()?;
+    // Earlier versions wrote Latin-1.
+    Some(String::from_utf8(comments.as_slice().to_vec()).unwrap_or_else(|_| comments.to_string()))
 }
 
 /// The recipe in the comments of a JPEG. A recipe that is longer than a segment continues in the next one.
@@ -95,7 +97,7 @@ mod tests {
 
     #[test]
     fn what_was_written_is_read_from_every_format() {
-        let text = "// lightharmony recipe 2: é\n".repeat(4000);
+        let text = "// lightharmony recipe 2: é 椅\n".repeat(4000);
         let raster = png::Raster {
             width: 3,
             height: 2,
@@ -126,6 +128,7 @@ mod tests {
                 drop(recipe(&hurt));
             }
         }
+        assert_eq!(recipe(&files[2]).as_deref(), Some(&*text), "OpenEXR has all characters");
         assert_eq!(recipe(&png::write(&raster, true, &[]).unwrap_or_default()), None);
         assert!(!is_picture(b"Graph("));
     }

@@ -6,6 +6,7 @@ mod image;
 pub mod layers;
 mod lens;
 mod material;
+mod mattes;
 mod mesh;
 mod object;
 mod panorama;
@@ -24,6 +25,7 @@ pub use material::{
     AlphaMode, Anisotropy, Clearcoat, ColourMap, DiffuseTransmission, Iridescence, Map, Material, NormalMap,
     Sampler, Sheen, Specular, Texture, TextureRef, TextureTransform, Wrap,
 };
+pub use mattes::{MatteView, Mattes};
 pub use mesh::Mesh;
 pub use mesh::grouped;
 pub use object::{Object, Placed, Primitive};

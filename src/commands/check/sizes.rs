@@ -13,7 +13,7 @@ use scene::io::picture;
 type Sizes = Vec<[u64; 2]>;
 
 /// Kinds whose output pictures have the same size as one of their inputs, each with the name of that input.
-const FOLLOWS: [(&str, &str); 7] = [
+const FOLLOWS: [(&str, &str); 9] = [
     ("splat-render", "rig"),
     ("path-trace", "rig"),
     ("denoise", "object"),
@@ -21,6 +21,8 @@ const FOLLOWS: [(&str, &str); 7] = [
     ("alpha-shadow", "with"),
     ("composite", "background"),
     ("region-masks", "object"),
+    ("run-ocio", "image"),
+    ("average-images", "images"),
 ];
 
 /// The inputs that `composite` combines.

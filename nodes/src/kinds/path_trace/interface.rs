@@ -17,6 +17,10 @@ engine::params! {
     pub struct PathTrace {
         /// Number of paths per pixel. With `max_error` it is the maximum number, and at least 4 paths are traced.
         samples: u32 = 256, range(1, 1_048_576), other("3"), knob(Samples, "4", "16", "64", "1024");
+        /// Number of samples to leave out before the first. Renders of the moments of a shutter take different samples, so
+        /// that their average has the noise of all of them: 0, 16, 32, .. with `samples: 16`. The average of a scene that
+        /// does not move is then the picture with all samples, to rounding or, for `with`, to noise.
+        skip_samples: u32 = 0, range(0, 1_048_576), other("4");
         /// Target standard error of each tile of 8 by 8 pixels, as a root mean square over the pixels whose error
         /// is not 0. It applies to `object`, relative to the mean of `object`, and to the ratio `with / without`
         /// where the receiver is visible. Where the ratio is certainly above 1, its error is relative to the ratio.

@@ -68,6 +68,7 @@ impl PathTrace {
     fn settings(&self, every_lobe: bool) -> Settings {
         Settings {
             most: self.most(),
+            skip: self.skip_samples,
             goal: self.goal(),
             coarse_px: self.coarse_px,
             crop: self.crop,

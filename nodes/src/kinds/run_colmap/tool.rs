@@ -1,13 +1,10 @@
 //! The installed COLMAP: its program, or the Python package `pycolmap`.
 
-use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
-use std::sync::{Mutex, PoisonError};
+use std::path::PathBuf;
 
 use engine::{NodeError, SourceRoot};
 
-use crate::program::find;
+use crate::program::{find, library_of};
 
 /// An installed COLMAP.
 #[derive(Debug, Clone)]
@@ -51,7 +48,7 @@ impl Tool {
                 if !is_python {
                     return Ok(Self::Program(path));
                 }
-                match library_of(&path) {
+                match library_of(&path, LOCATE) {
                     Some(library) => Ok(Self::Python { python: path, library }),
                     None => failed(format!("`{name}` has no package `pycolmap`")),
                 }
@@ -61,7 +58,7 @@ impl Tool {
                     return Ok(Self::Program(path));
                 }
                 let python = find("python3", root.folder()).ok();
-                match python.and_then(|python| Some((library_of(&python)?, python))) {
+                match python.and_then(|python| Some((library_of(&python, LOCATE)?, python))) {
                     Some((library, python)) => Ok(Self::Python { python, library }),
                     None => failed(
                         "COLMAP is not installed: neither the program `colmap` nor the Python package `pycolmap` was found"
@@ -78,20 +75,4 @@ impl Tool {
             Self::Program(path) | Self::Python { library: path, .. } => path,
         }
     }
-}
-
-/// The compiled part of `pycolmap` of a Python; `None` if it has no such package. Each Python is asked once.
-fn library_of(python: &Path) -> Option<PathBuf> {
-    static KNOWN: Mutex<BTreeMap<PathBuf, PathBuf>> = Mutex::new(BTreeMap::new());
-    let mut known = KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
-    if let Some(library) = known.get(python).filter(|library| library.is_file()) {
-        return Some(library.clone());
-    }
-    let asked = Command::new(python).args(["-c", LOCATE]).stdin(Stdio::null()).stderr(Stdio::null()).output();
-    let text = String::from_utf8(asked.ok()?.stdout).ok()?;
-    let library = PathBuf::from(text.trim());
-    library.is_file().then(|| {
-        known.insert(python.to_owned(), library.clone());
-        library
-    })
 }

@@ -17,7 +17,7 @@ fn node(names: &[&str]) -> WriteExr {
     WriteExr { path: OutputFile("a.exr".into()), names, half: false, encoding, recipe: true }
 }
 fn of_layers(layers: Vec<Arc<Images>>) -> In {
-    In { image: None, layers, rig: None, plate: None, stored: None }
+    In { image: None, layers, rig: None, plate: None, stored: None, mattes: Vec::new() }
 }
 fn colour() -> Arc<Images> {
     let samples = (0..24).map(|i| i as f32 * 10_000.0).collect();

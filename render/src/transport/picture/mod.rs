@@ -16,6 +16,7 @@ pub mod pair;
 pub mod prepared;
 pub mod r0;
 pub(crate) mod sample_plan;
+pub mod shown_objects;
 pub(crate) mod silhouette;
 pub mod splat_rays;
 pub(crate) mod sums;

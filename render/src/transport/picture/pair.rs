@@ -17,9 +17,10 @@ use crate::transport::path::first_vertex::FirstVertex;
 use crate::transport::path::integrator::{Integrator, Pass, Scene};
 use crate::transport::path::path::Vertex;
 use crate::transport::path::rays::Rays;
+use crate::transport::scene::receiver::Receiver;
 
 /// Index of the pair of sample dimensions that decides the coverage of blended surfaces for camera rays.
-const BLENDED: u32 = 5 << 17;
+pub(crate) const BLENDED: u32 = 5 << 17;
 
 /// A tile whose pixels are traced with the objects.
 pub struct PairTile<'a> {
@@ -197,6 +198,11 @@ impl Scene<'_> {
 
 /// Distance by which a camera hit on the receiver is moved along its ray to the support of an object.
 pub(crate) fn shift(scene: &Scene<'_>, camera_rays: &CameraRays<'_>, hit: &Hit, ray: Ray) -> f32 {
+    shift_on(scene.receiver, camera_rays, hit, ray)
+}
+
+/// As [`shift`], for a receiver without light.
+pub(crate) fn shift_on(receiver: &Receiver, camera_rays: &CameraRays<'_>, hit: &Hit, ray: Ray) -> f32 {
     let position = ray.origin + ray.direction * hit.t;
-    camera_rays.ground.shift(position, scene.receiver.normal(hit.triangle), ray.direction)
+    camera_rays.ground.shift(position, receiver.normal(hit.triangle), ray.direction)
 }

@@ -61,6 +61,8 @@ struct Extra<'a> {
 pub struct Settings {
     /// Maximum number of samples per pixel.
     pub most: u32,
+    /// Number of samples that are left out before the first.
+    pub skip: u32,
     /// Error at which a block of pixels takes no more samples. `None` takes all samples everywhere.
     pub goal: Option<TargetError>,
     /// Side, in pixels, of the square blocks into which the image is divided. One pixel of each block is traced.
@@ -210,6 +212,8 @@ impl<'a> Tracing<'a> {
         step: &(dyn Fn() + Send + Sync),
     ) -> Result<(), NodeError> {
         let (cx, camera) = (self.cx, camera_rays.camera);
+        let skip = self.settings.skip;
+        let range = (range.0.saturating_add(skip), range.1.saturating_add(skip));
         let inputs = self.inputs(&["receiver", "env"], &["receiver", "env", "points"]);
         let part = Part { name: "r0", version: 15, inputs };
         let stored = areas.iter().map(|&area| {

@@ -3,9 +3,11 @@
 
 mod camera;
 mod compression;
+pub mod cryptomatte;
 mod part;
 mod planes;
 mod read;
+mod sorted;
 #[cfg(test)]
 mod tests;
 mod write;

@@ -8,12 +8,13 @@ use exr::block::{UncompressedBlock, enumerate_ordered_header_block_indices};
 use exr::image::write::layers::{LayersWriter, WritableLayers};
 use exr::meta::attribute::Chromaticities;
 use exr::prelude::{
-    AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer, LayerAttributes, Text, Vec2, WritableImage,
-    f16,
+    AnyChannel, AnyChannels, AttributeValue, Encoding, FlatSamples, Image, Layer, LayerAttributes, Text,
+    Vec2, WritableImage, f16,
 };
 
 use super::camera::CameraMatrices;
 use super::planes::Channel;
+use super::sorted::sort_attributes;
 use crate::error::Error;
 use crate::io::progress::Progress;
 use crate::math::color::primaries::{Primaries, REC709};
@@ -43,7 +44,7 @@ pub fn write(
     encoding: &str,
     recipe: Option<&str>,
 ) -> Result<(Vec<u8>, u64), Error> {
-    let attributes = Attributes { encoding, recipe, primaries: &REC709, camera: None };
+    let attributes = Attributes { encoding, recipe, primaries: &REC709, camera: None, more: &[] };
     write_for(width, height, channels, attributes, Progress::UNTRACKED)
 }
 
@@ -58,6 +59,8 @@ pub struct Attributes<'a> {
     pub primaries: &'a Primaries,
     /// The camera of the picture: the attributes `worldToCamera` and `worldToNDC`.
     pub camera: Option<CameraMatrices>,
+    /// Further attributes, as pairs of name and text. The text must be in ASCII.
+    pub more: &'a [(String, String)],
 }
 
 /// Like [`write()`], with progress and cancellation. Blocks of rows are compressed on all threads and written in
@@ -66,7 +69,7 @@ pub fn write_for(
     width: usize,
     height: usize,
     channels: Vec<(Channel, Depth)>,
-    Attributes { encoding, recipe, primaries, camera }: Attributes<'_>,
+    Attributes { encoding, recipe, primaries, camera, more }: Attributes<'_>,
     progress: Progress<'_>,
 ) -> Result<(Vec<u8>, u64), Error> {
     let fail = |e: exr::error::Error| Error::Mismatch(format!("cannot encode the picture as EXR: {e}"));
@@ -87,18 +90,20 @@ pub fn write_for(
             Ok(AnyChannel::new(name, samples))
         })
         .collect::<Result<_, Error>>()?;
-    let comments = recipe.and_then(Text::new_or_none);
+    // The library of OpenEXR reads texts as UTF-8; the crate would write Latin-1, or nothing.
+    let comments = recipe.map(|text| Text::from_bytes_unchecked(text.bytes().collect()));
     let mut attributes = LayerAttributes {
         comments,
         world_to_camera: camera.map(|camera| camera.world_to_camera),
         world_to_normalized_device: camera.map(|camera| camera.world_to_ndc),
         ..LayerAttributes::default()
     };
-    // One attribute only: the crate writes this map in the order of a seeded hash.
-    if let Some(text) = Text::new_or_none(encoding) {
-        attributes
-            .other
-            .insert(Text::from("lightharmony:encoding"), exr::prelude::AttributeValue::Text(text));
+    let encoding = ("lightharmony:encoding", encoding);
+    let more_texts = more.iter().map(|(name, text)| (name.as_str(), text.as_str()));
+    for (name, text) in [encoding].into_iter().chain(more_texts) {
+        if let (Some(name), Some(text)) = (Text::new_or_none(name), Text::new_or_none(text)) {
+            attributes.other.insert(name, AttributeValue::Text(text));
+        }
     }
     let layer = Layer::new((width, height), attributes, Encoding::SMALL_LOSSLESS, AnyChannels::sort(list));
     let mut image = Image::from_layer(layer);
@@ -132,6 +137,10 @@ pub fn write_for(
     })
     .map_err(fail)?;
     let mut bytes = bytes.into_inner();
+    // The crate writes other attributes in the order of a seeded hash, which is unique for one attribute.
+    if !more.is_empty() {
+        sort_attributes(&mut bytes);
+    }
     bytes.shrink_to_fit();
     Ok((bytes, clamped))
 }
