@@ -35,7 +35,7 @@ fn the_crates_use_each_other_one_way() {
         ("extras/remote/src", 10),
         ("extras/serve/src", 20),
         ("extras/video/src", 3),
-        ("oidn/src", 1),
+        ("extras/oidn/src", 1),
     ];
     for (folder, least) in folders {
         let imports = arrows::imports(&Path::new(env!("CARGO_MANIFEST_DIR")).join(folder));
