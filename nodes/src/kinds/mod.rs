@@ -39,6 +39,7 @@ pub mod region_masks;
 pub mod run_colmap;
 pub mod run_program;
 pub mod score_env;
+pub mod set_gloss;
 pub mod shadow_ratio;
 pub mod snap;
 pub mod splat_panorama;

@@ -24,8 +24,8 @@ pub use material::{
     AlphaMode, Anisotropy, Clearcoat, ColourMap, DiffuseTransmission, Iridescence, Map, Material, NormalMap,
     Sampler, Sheen, Specular, Texture, TextureRef, TextureTransform, Wrap,
 };
-pub use mesh::Mesh;
 pub use mesh::grouped;
+pub use mesh::{Gloss, Mesh};
 pub use object::{Object, Placed, Primitive};
 pub use panorama::{Brackets, Panorama, Taken};
 pub use photos::{Photo, Photos, Point};
