@@ -80,7 +80,7 @@ impl Bsdf {
         let shading = mirroring(seen, normal, out);
         let matte = Frame::around(normal);
         let frame = if shading == normal { matte } else { Frame::around(shading) };
-        Self::Layers(Layers::new([matte, frame, frame], normal, out, params))
+        Self::Layers(Layers::new([matte, frame, frame], normal, out, params).reflecting())
     }
 
     /// Unit normal of the side from which the surface receives all of its light. `None` if it receives light from
