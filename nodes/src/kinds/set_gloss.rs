@@ -205,12 +205,12 @@ mod tests {
         let home = Some(DMat4::IDENTITY);
         assert_eq!(glossy(&run(&params, corner(), None).expect("runs")).len(), 10);
         assert_eq!(glossy(&run(&params, corner(), home).expect("runs")), (0..8).collect::<Vec<_>>());
-        let thick = SetGloss { thickness_metres: 5.0, ..params.clone() };
+        let thick = SetGloss { thickness_metres: 5.0, ..SetGloss::default() };
         assert_eq!(glossy(&run(&thick, corner(), home).expect("runs")).len(), 8);
         let steep = SetGloss { max_tilt_deg: 90.0, ..thick };
         assert_eq!(glossy(&run(&steep, corner(), home).expect("runs")).len(), 10);
         let aside = Some(DMat4::from_translation(DVec3::new(-0.5, -0.5, 0.0)));
-        let square = SetGloss { width_metres: Some(1.0), depth_metres: Some(1.0), ..params.clone() };
+        let square = SetGloss { width_metres: Some(1.0), depth_metres: Some(1.0), ..SetGloss::default() };
         assert_eq!(glossy(&run(&square, corner(), aside).expect("runs")), [0, 1]);
         let long = SetGloss { depth_metres: None, ..square };
         assert_eq!(glossy(&run(&long, corner(), aside).expect("runs")), [0, 1, 4, 5]);
@@ -223,7 +223,7 @@ mod tests {
         assert_eq!(glossy(&wall), [8, 9]);
         let normal = wall.gloss(8).expect("glossy").normal;
         assert!((normal[0].abs() - 1.0).abs() < 1e-6, "{normal:?}");
-        let bumpy = SetGloss { flat: false, ..params.clone() };
+        let bumpy = SetGloss { flat: false, ..SetGloss::default() };
         assert_eq!(run(&bumpy, corner(), home).expect("runs").gloss(0).map(|g| g.normal), Some([0.0; 3]));
         let high = Some(DMat4::from_translation(DVec3::Z));
         assert!(run(&params, corner(), high).is_err());

@@ -47,8 +47,8 @@ fn every_place(samples: u32, env: &Environment) -> Vec<(PathTrace, Environment)>
 }
 
 /// A white floor under a white sky is white, however rough, with every model of the place; and so is a white ball on
-/// it, with all reflections between the two. This test fails if the specular lobe of the receiver is left out of
-/// `light_sample`, or if `Bsdf::glossy` passes an index of 1.
+/// it, with all reflections between the two. This test fails if the specular lobe is left out of `light_sample`, or if
+/// `is_paired` ignores gloss.
 #[test]
 fn a_white_glossy_floor_keeps_all_light() {
     let camera = rig(DVec3::new(0.0, -3.0, 1.2), DVec3::ZERO, 12, 4.0);
@@ -69,7 +69,8 @@ fn a_white_glossy_floor_keeps_all_light() {
     }
 }
 
-/// Where no path can meet an object, both renders are equal bit for bit. This test fails if `is_paired` ignores gloss.
+/// Where no path can meet an object, both renders are equal bit for bit. This test fails if `paired_estimate` gives its
+/// second path other random numbers, and adds the difference of paths that touch no object.
 #[test]
 fn what_meets_no_object_is_the_same_bit_for_bit() {
     let (_, _, camera) = shadowed();
@@ -83,7 +84,7 @@ fn what_meets_no_object_is_the_same_bit_for_bit() {
 }
 
 /// A mesh whose triangles are all matte gives the bits of a mesh without gloss, although the list has one. This test
-/// fails if `Receiver::made` keeps a list of zeros, since single paths then replace those of a batch in the guide.
+/// fails if `Receiver::made` keeps a list of zeros.
 #[test]
 fn a_mesh_of_matte_triangles_is_matte() {
     let (floor, objects, camera) = shadowed();
@@ -95,8 +96,8 @@ fn a_mesh_of_matte_triangles_is_matte() {
 }
 
 /// A mirror on the floor shows the object as a camera below the floor sees it: where a ray of that camera meets the
-/// ball, `with` has the colour of the ball, and elsewhere that of the sky. This test fails if `Bsdf::glossy` passes
-/// another normal, or if specular rays of the receiver do not look for objects.
+/// ball, `with` has the colour of the ball, and elsewhere that of the sky. This test fails if `Bsdf::glossy`
+/// ignores the normal of the gloss, or if `is_paired` ignores gloss.
 #[test]
 fn a_mirror_shows_the_object_where_it_is_mirrored() {
     let (eye, target) = (DVec3::new(0.0, -3.0, 1.0), DVec3::new(0.0, 0.0, -0.6));
@@ -108,12 +109,6 @@ fn a_mirror_shows_the_object_where_it_is_mirrored() {
     let below = rig(flipped(eye), flipped(target), 32, 4.0);
     let how = params(16, Surroundings::OPEN);
     let (seen, _) = render(&how, &Mesh::default(), &objects, &below, &white());
-    // The normals of the triangles are wrong, and the gloss has its own.
-    let tilted = |gloss| {
-        let mut floor = glossy(plane(40.0), gloss, 1.0);
-        floor.positions[0][2] -= 2.0;
-        floor
-    };
     // Value of a pixel away from outlines, where both pictures show the same surface.
     let alpha = |x: usize, y: usize| {
         let around = |k: usize| samples(&seen.object)[4 * ((31 - y + k / 3 - 1) * 32 + x + k % 3 - 1) + 3];
@@ -173,10 +168,9 @@ fn plain_radiance(scene: &Traced<'_>, ray: Ray, objects: bool, random: Points, b
     plainly_lit(scene, &surface, objects, random, bounce)
 }
 
-/// R0, R1 and their difference agree with a reference that samples every direction alike, within 4 standard errors,
-/// on a floor with a sun and a ball, for two roughnesses and a metal. This test fails if a lobe of the receiver is left
-/// out of `Layers::eval`, if the weights of light samples and scattered rays do not sum to 1, or if the change of a
-/// glossy receiver is estimated as for a matte one.
+/// R0 and R1 agree with a reference that samples every direction alike, within 4 standard errors,
+/// on a floor with a sun and a ball, for two roughnesses and a metal. This test fails if the specular lobe is left
+/// out of `light_sample`.
 #[test]
 fn light_agrees_with_a_reference_without_importance_sampling() {
     let mut env = Environment::constant(Up::PlusZ, [0.3, 0.4, 0.6], 16);
