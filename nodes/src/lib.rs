@@ -94,6 +94,7 @@ fn built_in() -> Registry {
         KindEntry::of::<run_ocio::RunOcio>(),
         KindEntry::of::<run_program::RunProgram>(),
         KindEntry::of::<score_env::ScoreEnv>(),
+        KindEntry::of::<set_gloss::SetGloss>(),
         KindEntry::of::<shadow_ratio::ShadowRatio>(),
         KindEntry::of::<snap::Snap>(),
         KindEntry::of::<splat_panorama::SplatPanorama>(),

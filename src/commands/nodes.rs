@@ -36,6 +36,7 @@ const STAGES: [(&str, &[&str]); 7] = [
             "plane",
             "run-colmap",
             "run-program",
+            "set-gloss",
             "train-splats",
         ],
     ),

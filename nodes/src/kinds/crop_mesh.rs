@@ -54,13 +54,14 @@ impl Kind for CropMesh {
         let low = params.box_min.map_or(DVec3::NEG_INFINITY, DVec3::from_array);
         let high = params.box_max.map_or(DVec3::INFINITY, DVec3::from_array);
         let highest = params.below_height.unwrap_or(f64::INFINITY);
-        let mut kept = Mesh::default();
+        let mut kept = Mesh { glosses: mesh.glosses.clone(), ..Mesh::default() };
         let mut moved = vec![u32::MAX; mesh.positions.len()];
-        for triangle in &mesh.triangles {
+        for (number, triangle) in mesh.triangles.iter().enumerate() {
             let centroid = triangle.iter().fold(DVec3::ZERO, |sum, &v| sum + mesh.position(v)) / 3.0;
             if centroid.cmplt(low).any() || centroid.cmpgt(high).any() || centroid.dot(above) > highest {
                 continue;
             }
+            kept.gloss_of.extend(mesh.gloss_of.get(number));
             kept.triangles.push(triangle.map(|index| {
                 let at = &mut moved[index as usize];
                 if *at == u32::MAX {
@@ -94,15 +95,19 @@ impl Kind for CropMesh {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use scene::types::Gloss;
     use testing::context;
 
     #[test]
     fn what_is_outside_goes_with_its_vertices() {
+        let wet = Gloss { roughness: 0.1, metallic: 0.0, ior: 1.33, specular: 1.0, normal: [0.0; 3] };
         let mesh = Mesh {
             positions: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 3.0], [1.0, 0.0, 3.0]],
             positions_low: [1e-9, 2e-9, 3e-9, 4e-9, 5e-9].map(|low| [0.0, low, 0.0]).to_vec(),
             colours: vec![[0.1; 3], [0.2; 3], [0.3; 3], [0.4; 3], [0.5; 3]],
             triangles: vec![[0, 3, 4], [2, 1, 0]],
+            glosses: vec![wet],
+            gloss_of: vec![0, 1],
         };
         let params = CropMesh { box_min: None, box_max: None, below_height: Some(1.0) };
         let (out, _) = CropMesh::run(&params, In { mesh: Arc::new(mesh.clone()) }, &context()).expect("runs");
@@ -110,6 +115,7 @@ mod tests {
         assert_eq!(out.mesh.colours, [[0.3; 3], [0.2; 3], [0.1; 3]]);
         assert_eq!(out.mesh.positions_low, [3e-9, 2e-9, 1e-9].map(|low| [0.0, low, 0.0]));
         assert_eq!(out.mesh.triangles, [[0, 1, 2]]);
+        assert_eq!(out.mesh.gloss(0), Some(&wet));
         let boxed = CropMesh { box_min: Some([0.1, -1.0, 1.0]), box_max: Some([2.0; 3]), below_height: None };
         let (out, _) = CropMesh::run(&boxed, In { mesh: Arc::new(mesh) }, &context()).expect("runs");
         assert_eq!(out.mesh.triangles.len(), 1);

@@ -42,6 +42,7 @@ pub mod run_colmap;
 pub mod run_ocio;
 pub mod run_program;
 pub mod score_env;
+pub mod set_gloss;
 pub mod shadow_ratio;
 pub mod snap;
 pub mod splat_panorama;

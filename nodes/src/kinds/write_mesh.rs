@@ -10,7 +10,7 @@ engine::params! {
     /// Writes a mesh as PLY, GLB or OBJ, depending on the extension of the path.
     ///
     /// PLY and OBJ have the coordinates of the world. GLB has the frame of glTF, y up and in metres; `LoadMesh`
-    /// reads it with `frame: Gltf`.
+    /// reads it with `frame: Gltf`. The gloss of `set-gloss` is not written.
     pub struct WriteMesh {
         /// The file: `.ply`, `.glb` or `.obj`.
         path: OutputFile, other("\"b.obj\"");
@@ -58,9 +58,14 @@ impl Kind for WriteMesh {
     fn run(p: &Self, In { mesh }: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
         Self::check(p)?;
         let format = MeshFormat::of_path(&p.path.0).unwrap_or(MeshFormat::Ply);
+        let mut notes = Notes::none();
+        if !mesh.gloss_of.is_empty() {
+            let text = "the file holds no gloss; apply `SetGloss` to the mesh that is read from it";
+            notes.warning("gloss-left-out", text);
+        }
         let bytes = encode(&mesh, format, Some((cx.up(), cx.metres_per_unit())));
         let file = FileBytes { view: String::new(), bytes };
-        Ok((Out { files: Arc::new(Files(vec![file])) }, Notes::none()))
+        Ok((Out { files: Arc::new(Files(vec![file])) }, notes))
     }
 }
 

@@ -26,8 +26,8 @@ pub use material::{
     Sampler, Sheen, Specular, Texture, TextureRef, TextureTransform, Wrap,
 };
 pub use mattes::{MatteView, Mattes};
-pub use mesh::Mesh;
 pub use mesh::grouped;
+pub use mesh::{Gloss, Mesh};
 pub use object::{Object, Placed, Primitive};
 pub use panorama::{Brackets, Panorama, Taken};
 pub use photos::{Photo, Photos, Point};

@@ -241,6 +241,7 @@ fn mesh_of(surface: &Surface, seen: &[tint::Seen], origin: DVec3, cell: f32) -> 
         positions_low: if coarse { surface.points.iter().map(low).collect() } else { Vec::new() },
         colours: seen.iter().map(|seen| seen.colour).collect(),
         triangles: surface.triangles.clone(),
+        ..Mesh::default()
     }
 }
 

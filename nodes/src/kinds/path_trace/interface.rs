@@ -68,7 +68,8 @@ engine::params! {
 engine::inputs! {
     /// Inputs of [`PathTrace`].
     pub struct In {
-        /// The mesh of the captured place; matte, with its vertex colours as albedo.
+        /// The mesh of the captured place, with its vertex colours as albedo. It is matte unless `set-gloss` makes a part
+        /// of it glossy.
         receiver: Arc<Mesh>,
         /// The inserted objects.
         objects: Vec<Arc<Placed>>,

@@ -4,6 +4,7 @@
 mod auto;
 mod decided;
 mod former;
+mod gloss;
 mod interface;
 mod lobes;
 mod output;
@@ -95,6 +96,7 @@ impl PathTrace {
             );
             return Err(NodeError::new(text).at("rig").hint("pick one with `pick-cameras`"));
         }
+        gloss::check(&inputs.receiver, inputs.points.is_some())?;
         if self.surroundings == Surroundings::Projected && inputs.env.origin.is_none() {
             let hint = "set `origin` of `load-environment`, or leave `surroundings` at `Auto`";
             let text = "`Projected` needs an environment with a point of capture";
@@ -241,6 +243,7 @@ impl Kind for PathTrace {
         objects.every_lobe = cx.exhaustive();
         objects.shown = !params.shadow_only;
         report_inputs(&inputs.receiver, &prepared, &objects, &mut notes);
+        gloss::report(prepared.receiver(), &mut notes);
         if !objects.is_empty() {
             let most = inputs.env.image.width;
             EnvResolution::of(&inputs.env, &inputs.objects, most).report(&inputs.env, &mut notes);

@@ -17,6 +17,7 @@ mod coarse;
 mod crop;
 mod env_resolution;
 mod extremes;
+mod glossy;
 mod guide;
 mod hanging;
 mod insertion;

@@ -24,7 +24,7 @@ engine::params! {
     /// - `photos`: a folder with `images/NAME.png`, a binary COLMAP model in `sparse/0`, and `masks/NAME.png` for
     ///   photographs with masked pixels (black).
     /// - `splats.ply`: splats as INRIA PLY.
-    /// - `mesh.ply`: a mesh as binary PLY.
+    /// - `mesh.ply`: a mesh as binary PLY, without the gloss of `set-gloss`.
     /// - `files`: copies of `files`.
     /// - `out`: an empty folder for the outputs.
     ///

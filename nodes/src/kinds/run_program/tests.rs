@@ -44,9 +44,8 @@ fn nothing() -> In {
 fn mesh() -> Mesh {
     Mesh {
         positions: vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.5]],
-        positions_low: Vec::new(),
-        colours: Vec::new(),
         triangles: vec![[0, 1, 2]],
+        ..Mesh::default()
     }
 }
 

@@ -195,6 +195,18 @@ impl Layers {
         }
     }
 
+    /// Samples the gloss at least as often as everything else together. On the receiver, reflections are faint but sharp,
+    /// while light samples and rays towards the objects find most of the matte light.
+    pub fn reflecting(mut self) -> Self {
+        let gloss = self.shares[GLOSS];
+        if gloss > 0.0 && gloss < 0.5 {
+            let others = 0.5 / (1.0 - gloss);
+            self.shares = self.shares.map(|share| share * others);
+            self.shares[GLOSS] = 0.5;
+        }
+        self
+    }
+
     fn evaluates(&self, lobe: usize) -> bool {
         self.shares[lobe] > 0.0 || self.every_lobe
     }

@@ -1,6 +1,6 @@
 //! BSDFs: how surfaces scatter light.
 //!
-//! The receiver is matte. Objects have glTF materials: from top to bottom, a clearcoat, a sheen, and a base that is
+//! The receiver is matte, or a gloss over a matte layer. Objects have glTF materials: from top to bottom, a clearcoat, a sheen, and a base that is
 //! a mix of metal and dielectric, where the dielectric is a gloss over a matte, translucent or transparent layer.
 //! Each layer transmits the light that its directional albedo does not reflect, so that energy is conserved and
 //! white surfaces absorb no light.
@@ -56,9 +56,9 @@ pub fn mirroring(bent: Vec3, surface: Vec3, out: Vec3) -> Vec3 {
     reason = "a value stays on the stack while one vertex of a path is shaded"
 )]
 pub enum Bsdf {
-    /// Lambertian reflection, used for the receiver.
+    /// Lambertian reflection, used for a matte receiver.
     Matte(Matte),
-    /// A material of an object.
+    /// A material of an object, or of a glossy part of the receiver.
     Layers(Layers),
 }
 
@@ -66,6 +66,21 @@ impl Bsdf {
     /// A matte surface with an albedo. `normal` is the geometric normal on the side of the viewer.
     pub fn matte(normal: Vec3, albedo: Vec3) -> Self {
         Self::Matte(Matte::new(normal, albedo))
+    }
+
+    /// A glossy surface of the receiver. `normal` is the geometric normal on the side of the viewer. The last argument
+    /// contains the unit normal of the reflection, on either side or 0 for the geometric normal, and the unit direction
+    /// to the viewer.
+    pub fn glossy(normal: Vec3, params: &BsdfParams, (bent, out): (Vec3, Vec3)) -> Self {
+        let bent = if bent.dot(normal) < 0.0 { -bent } else { bent };
+        let bent = if bent == Vec3::ZERO { normal } else { bent };
+        // The mirror direction of the viewer must be above the surface.
+        let lift = 0.01 - bent.dot(out);
+        let seen = if lift > 0.0 { (bent + out * lift).normalize_or(normal) } else { bent };
+        let shading = mirroring(seen, normal, out);
+        let matte = Frame::around(normal);
+        let frame = if shading == normal { matte } else { Frame::around(shading) };
+        Self::Layers(Layers::new([matte, frame, frame], normal, out, params).reflecting())
     }
 
     /// Unit normal of the side from which the surface receives all of its light. `None` if it receives light from

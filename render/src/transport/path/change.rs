@@ -47,6 +47,11 @@ pub fn estimates_change(points: &Points, probability: f32) -> bool {
     probability >= 1.0 || unit(points.bits(TOWARDS + 2)[0]) < probability
 }
 
+/// True if the change is the difference of two whole paths; see [`Integrator::change`].
+pub(crate) fn is_paired(scene: &Scene<'_>) -> bool {
+    scene.rules.near.is_some() || scene.receiver.is_glossy()
+}
+
 /// Sampling of rays from a first vertex towards the objects.
 fn towards(sampling: &ChangeSampling<'_>) -> Towards {
     Towards::within(Cone::between([sampling.start; 2], sampling.objects), sampling.rays)
@@ -55,24 +60,25 @@ fn towards(sampling: &ChangeSampling<'_>) -> Towards {
 impl<'a> Integrator<'a> {
     /// Radiance with objects minus radiance without objects, at a receiver hit of a camera ray.
     pub fn change(&mut self, hit: Hit, ray: Ray, sampling: &ChangeSampling<'_>) -> Vec3 {
-        if self.scene.rules.near.is_some() {
+        if is_paired(&self.scene) {
             self.paired_estimate(hit, ray, sampling)
         } else if estimates_change(&self.pass.points, sampling.probability) {
-            self.separate_estimate(hit, sampling) / sampling.probability
+            self.separate_estimate(hit, ray, sampling) / sampling.probability
         } else {
             Vec3::ZERO
         }
     }
 
-    /// Estimates the change. The light that the objects block and the light that they add are estimated by separate
-    /// samples.
-    fn separate_estimate(&mut self, mut hit: Hit, sampling: &ChangeSampling<'_>) -> Vec3 {
+    /// Estimates the change of a matte receiver under distant light. The light that the objects block and the light
+    /// that they add are estimated by separate samples.
+    fn separate_estimate(&mut self, mut hit: Hit, ray: Ray, sampling: &ChangeSampling<'_>) -> Vec3 {
         let (sky, rules) = (self.scene.sky, self.scene.rules);
         let (mut light, mut throughput) = (Vec3::ZERO, Vec3::ONE);
         let mut lift = sampling.lift;
         let lamps_in_it = !self.scene.objects.emitters.is_empty();
         for bounce in 0..=rules.max_bounces {
-            let surface = self.receiver_surface(&hit, lift);
+            // The receiver is matte, so the viewer of later vertices does not matter.
+            let surface = self.receiver_surface(&hit, -ray.direction, lift);
             let surface = Surface { media: [self.around(surface.upright()); 2], ..surface };
             let at = ShadingPoint::new(surface, bounce, self.key);
             let surface = &at.surface;
@@ -140,8 +146,8 @@ impl<'a> Integrator<'a> {
     }
 
     /// Estimates the change from two whole paths, one with and one without the objects, that share their random
-    /// numbers. Used under near light, where objects also block the light that receiver points emit. Rays towards the
-    /// objects find their light, which scattered rays rarely hit.
+    /// numbers. Used under near light, where objects also block the light that receiver points emit, and if the
+    /// receiver is glossy. Rays towards the objects find their light, which scattered rays rarely hit.
     fn paired_estimate(&mut self, hit: Hit, ray: Ray, sampling: &ChangeSampling<'_>) -> Vec3 {
         let lamps = !self.scene.objects.emitters.is_empty();
         let known = sampling.known;

@@ -87,14 +87,14 @@ impl<'a> Integrator<'a> {
         if let Some(known) = self.pass.known.filter(|_| at.is_first()) {
             return self.lit_as_known(near, at, known);
         }
-        let (surface, lights) = (&at.surface, near.lights(at.is_first()).count());
+        let lights = near.lights(at.is_first()).count();
         let samples = self.near_samples(near, at);
         let mut lit = Vec3::ZERO;
         for (number, arriving) in (0..lights).zip(&samples) {
             let Some(arriving) = arriving else { continue };
             let points = self.pass.points.twig(number, lights);
             let key = at.key.wrapping_add(number);
-            lit += self.light_sample(surface, arriving, Some((near, (points, at.pair))), key);
+            lit += self.light_sample(at, arriving, Some((near, (points, at.pair))), key);
             if self.may_stop() {
                 break;
             }
@@ -151,7 +151,7 @@ impl<'a> Integrator<'a> {
             let key = at.key.wrapping_add(number as u32);
             lit += match surface.bsdf.is_matte() {
                 true => self.matte_light_sample(surface, sample, key),
-                false => self.light_sample(surface, &(*sample, None), None, key),
+                false => self.light_sample(at, &(*sample, None), None, key),
             };
         }
         lit
@@ -276,19 +276,21 @@ impl<'a> Integrator<'a> {
         left
     }
 
-    /// Light that a surface reflects from a light sample. `near` contains the near light, if it is used, and the
+    /// Light that a vertex reflects from a light sample. `near` contains the near light, if it is used, and the
     /// random numbers of the sample.
     fn light_sample(
         &mut self,
-        surface: &Surface,
+        at: &ShadingPoint,
         arriving: &ArrivingLight,
         near: Option<(&NearFieldLight<'_>, (Points, u32))>,
         key: u32,
     ) -> Vec3 {
-        let (sample, place) = arriving;
+        let ((sample, place), surface) = (arriving, &at.surface);
         let mut lobes = surface.bsdf.eval(sample.direction);
         let glossy = &mut lobes[Lobe::Specular as usize];
-        if self.scene.sky.is_narrow(glossy.pdf) {
+        // Light that only scattered rays find.
+        let goes_on = place.is_some_and(|p| self.goes_on_at(Lobe::Specular, at.bounce, p.triangle));
+        if self.scene.sky.is_narrow(glossy.pdf) || goes_on {
             *glossy = Scatter::default();
         }
         let useful = |s: &Scatter| s.value != Vec3::ZERO;

@@ -91,8 +91,8 @@ pub struct Guide {
 }
 
 impl Guide {
-    /// Learns from the vertices of paths that start with the given camera rays. `None` if a guide is of no use:
-    /// under near light, or if the receiver blocks little light.
+    /// Learns from the vertices of paths that start with the given camera rays. `None` if a guide is of no use: under
+    /// near light, if a part of the receiver is glossy, or if the receiver blocks little light.
     ///
     /// # Errors
     /// If the run is cancelled.
@@ -102,7 +102,8 @@ impl Guide {
         cx: Option<&Context>,
     ) -> Result<Option<Self>, NodeError> {
         let block = scene.rules.visibility(Lobe::Diffuse).shadow;
-        if scene.rules.near.is_some() || scene.rules.printed || block == Block::Pass {
+        let unused = scene.rules.near.is_some() || scene.rules.printed || scene.receiver.is_glossy();
+        if unused || block == Block::Pass {
             return Ok(None);
         }
         let mut rays = Rays::default();

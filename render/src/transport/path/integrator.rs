@@ -138,9 +138,9 @@ impl<'a> Integrator<'a> {
         self.pass.touch_only && self.tally.touched
     }
 
-    /// Receiver surface at a hit that lies outside all bodies. Rays from it to objects start at the offset `lift`.
-    pub(crate) fn receiver_surface(&self, hit: &Hit, lift: Vec3) -> Surface {
-        let surface = self.scene.receiver.surface(hit);
+    /// Receiver surface at a hit that lies outside all bodies, seen from the unit direction `out`. Rays from it to objects start at the offset `lift`.
+    pub(crate) fn receiver_surface(&self, hit: &Hit, out: Vec3, lift: Vec3) -> Surface {
+        let surface = self.scene.receiver.surface(hit, out);
         let covers = || self.scene.objects.covers(surface.position + lift, surface.normal);
         let cover = if self.pass.objects { covers() } else { None };
         Surface { cover, lift, ..surface }
@@ -155,7 +155,7 @@ impl<'a> Integrator<'a> {
     ) -> Surface {
         let (hit, straight) = match vertex {
             Vertex::Receiver(hit) => {
-                return Surface { media: [media; 2], ..self.receiver_surface(hit, lift) };
+                return Surface { media: [media; 2], ..self.receiver_surface(hit, out, lift) };
             }
             Vertex::Object(hit) => (hit, false),
             Vertex::Straight(hit) => (hit, true),
@@ -181,7 +181,7 @@ impl<'a> Integrator<'a> {
         match &first {
             _ if !self.pass.objects || objects.bodies.is_empty() => {}
             Vertex::Receiver(hit) => {
-                let surface = self.receiver_surface(hit, self.pass.lift);
+                let surface = self.receiver_surface(hit, -ray.direction, self.pass.lift);
                 media = self.around(surface.upright());
             }
             Vertex::Object(hit) | Vertex::Straight(hit) => {

@@ -73,11 +73,11 @@ impl LightPoints {
             let Some(hit) = receiver.bvh.closest(Ray::new(eye, light.direction), |_| true) else {
                 return Some(LightPoint { at: light.direction, normal: None, radiance, size: solid_angle });
             };
-            let surface = receiver.surface(&hit);
-            let cosine = surface.normal.dot(light.direction);
-            let normal = if cosine > 0.0 { -surface.normal } else { surface.normal };
+            let (position, facing, _) = receiver.geometry(&hit);
+            let cosine = facing.dot(light.direction);
+            let normal = if cosine > 0.0 { -facing } else { facing };
             let size = solid_angle * hit.t * hit.t / cosine.abs().max(1e-6);
-            Some(LightPoint { at: surface.position, normal: Some(normal), radiance, size })
+            Some(LightPoint { at: position, normal: Some(normal), radiance, size })
         };
         Self::of((0..POINTS as u32).filter_map(point).collect())
     }

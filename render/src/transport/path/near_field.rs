@@ -48,7 +48,8 @@ pub struct EmissivePoint {
     pub normal: Vec3,
     /// Offset of the origin of rays that leave the point.
     pub margin: f32,
-    triangle: u32,
+    /// Triangle of the receiver.
+    pub(super) triangle: u32,
 }
 
 /// Light that arrives at a point: direction and radiance, and the emitting point, which is `None` for the

@@ -107,7 +107,10 @@ impl<'a> Integrator<'a> {
         let (rules, bounce, direction) = (self.scene.rules, at.bounce, ray.direction);
         let carried = (path.state.throughput * weight, path.state.share);
         match self.scene.near() {
-            Some(near) if landed.is_some() || object.is_none() => {
+            Some(near)
+                if (landed.is_some() || object.is_none())
+                    && !landed.is_some_and(|hit| self.goes_on_at(scattered.lobe, bounce, hit.triangle)) =>
+            {
                 let arriving = match self.known(at, object.as_ref()) {
                     Some(known) => known.found,
                     None => {
@@ -136,6 +139,14 @@ impl<'a> Integrator<'a> {
             path.light += self.lamps_beyond(unlit, direction, bounce, carried, media);
         }
         Some(())
+    }
+
+    /// True if a ray that a lobe scatters after `bounce` scatterings goes on at a triangle of the receiver under near
+    /// light, instead of ending in the light that the panorama shows there. This is the case for specular rays that
+    /// meet glossy triangles: the panorama shows their reflections as seen from the point of capture only.
+    pub(crate) fn goes_on_at(&self, lobe: Lobe, bounce: u32, triangle: u32) -> bool {
+        let glossy = lobe == Lobe::Specular && self.scene.receiver.gloss(triangle).is_some();
+        glossy && bounce < self.scene.rules.max_bounces
     }
 
     /// Light of the sky along a scattered ray, weighted against light samples.

@@ -13,7 +13,7 @@ pub struct Rules {
     pub block: Block,
     /// True if diffuse rays hit the receiver as a lit surface.
     pub bounce_solid: bool,
-    /// True if rays reflected by objects pass through the receiver and show the environment.
+    /// True if specular rays, of objects or of a glossy receiver, pass through the receiver and show the environment.
     pub specular_env: bool,
     /// True if the visibility is the one printed in the LightHarmony3D paper: the receiver is invisible to the
     /// camera, and blocks shadow rays at reflecting surfaces but not the reflected rays themselves.
@@ -56,8 +56,8 @@ impl Rules {
     }
 
     /// Visibility of the receiver for the rays of a class of lobes. Diffuse rays start on the receiver and on
-    /// objects. Specular rays start only on objects, since the receiver has no specular lobe; they show either the
-    /// environment or the receiver. Objects are solid to every ray.
+    /// objects. Specular rays start on objects and on glossy parts of the receiver; they show either the environment or
+    /// the receiver. Objects are solid to every ray.
     #[inline]
     pub fn visibility(&self, lobe: Lobe) -> Visibility {
         let alike = |block, lands| Visibility { block, shadow: block, lands };

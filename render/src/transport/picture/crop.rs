@@ -60,6 +60,9 @@ impl Crop {
         if !scene.objects.emitters.is_empty() {
             return Err("an object emits light");
         }
+        if scene.receiver.is_glossy() {
+            return Err("the receiver is glossy");
+        }
         if let Some(eye) = scene.rules.near {
             let albedo = matte_albedo(scene).map(|albedo| albedo.max(scene.receiver.albedo()));
             let near = NearCrop {

@@ -46,7 +46,7 @@ pub(crate) fn trace_first_hit(
                 let surface = scene.objects.surface(&hit, -ray.direction, false, 0.0, Media::default());
                 (hit.t, surface.normal)
             }
-            (None, Some(hit)) => (hit.t, scene.receiver.surface(&hit).normal),
+            (None, Some(hit)) => (hit.t, scene.receiver.facing(&hit)),
             (None, None) => (f32::INFINITY, Vec3::ZERO),
         };
         let depth = if t.is_finite() { planar(t, &ray) } else { f64::INFINITY };

@@ -12,7 +12,7 @@ use super::sums::{add, squared_luminance};
 use super::tile::{Sample, Tile, TileSampling};
 use super::tile_bounds::TileBounds;
 use crate::geometry::bvh::{Hit, Ray, Steps};
-use crate::transport::path::change::{ChangeSampling, estimates_change, rays_towards};
+use crate::transport::path::change::{ChangeSampling, estimates_change, is_paired, rays_towards};
 use crate::transport::path::first_vertex::FirstVertex;
 use crate::transport::path::integrator::{Integrator, Pass, Scene};
 use crate::transport::path::path::Vertex;
@@ -75,8 +75,8 @@ pub fn trace_pair(
         let shift = shift(&scene, camera_rays, &hit, s.ray);
         Some((s.ray.origin + s.ray.direction * (hit.t + shift), hit, shift))
     };
-    // Under near light, whole paths are traced.
-    let far = scene.rules.near.is_none();
+    // Under near light, and for glossy receivers, whole paths are traced.
+    let far = !is_paired(&scene);
     let tile_sampling =
         if far { tile.change_sampling(tile.samples.iter().filter_map(|s| Some(place(s)?.0))) } else { None };
     let distributions = if far && tile_sampling.is_none() { tile.distributions() } else { None };

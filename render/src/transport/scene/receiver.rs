@@ -2,13 +2,13 @@
 
 use engine::{Context, NodeError};
 use glam::{DVec3, Vec3};
-use scene::types::Mesh;
+use scene::types::{Gloss, Mesh};
 
 use super::face::Face;
 use super::subdivide::{Corner, Extent, Subdivision};
 use super::surface::Surface;
 use crate::geometry::bvh::{Bvh, Hit, each};
-use crate::transport::bsdf::Bsdf;
+use crate::transport::bsdf::{Bsdf, BsdfParams};
 
 /// Albedo of a receiver without vertex colours.
 pub const GREY: f32 = 0.5;
@@ -21,9 +21,12 @@ pub const DARKEST: f32 = 0.01;
 const PIECE: usize = 1 << 16;
 
 /// Triangles after subdivision.
+#[derive(Default)]
 struct Cut {
     corners: Vec<[Vec3; 3]>,
     colours: Vec<[Vec3; 3]>,
+    /// Gloss of each piece, as in [`Mesh::gloss_of`].
+    gloss_of: Vec<u32>,
     /// Number of cuts that are left until the limit is reached.
     left: usize,
 }
@@ -35,6 +38,9 @@ pub struct Receiver {
     pub bvh: Bvh,
     faces: Vec<Face>,
     colours: Vec<[Vec3; 3]>,
+    glosses: Vec<Gloss>,
+    /// Gloss of each triangle, as in [`Mesh::gloss_of`]; empty if the whole receiver is matte.
+    gloss_of: Vec<u32>,
     /// Number of vertex colours outside [0, 1] or not finite, which were clamped.
     pub clamped: u64,
     /// Number of vertex colours with a channel below [`DARKEST`]. Such channels were raised to this value.
@@ -76,12 +82,14 @@ impl Receiver {
             each(cx, pieces.len(), |i| Extent::of(pieces[i].iter().map(|triangle| triangle.map(place))))?;
         let none = Extent::of(std::iter::empty());
         let mut rule = Subdivision::of(extents.into_iter().fold(none, Extent::with));
-        let cut = |rule: &mut Subdivision, triangles: &[[u32; 3]]| {
-            let mut cut = Cut { corners: Vec::with_capacity(triangles.len()), colours: Vec::new(), left: 0 };
-            for triangle in triangles {
+        let cut = |rule: &mut Subdivision, first: usize, triangles: &[[u32; 3]]| {
+            let mut cut = Cut { corners: Vec::with_capacity(triangles.len()), ..Cut::default() };
+            for (number, triangle) in (first..).zip(triangles) {
+                let gloss = mesh.gloss_of.get(number);
                 let albedo = |i: u32| albedos.get(i as usize).copied().unwrap_or_default();
                 rule.cut(triangle.map(|i| (place(i), albedo(i))), |piece: [Corner; 3]| {
                     cut.corners.push(piece.map(|(p, _)| p.as_vec3()));
+                    cut.gloss_of.extend(gloss);
                     if !albedos.is_empty() {
                         cut.colours.push(piece.map(|(_, colour)| colour));
                     }
@@ -89,19 +97,24 @@ impl Receiver {
             }
             Cut { left: rule.room(), ..cut }
         };
-        let mut parts = each(cx, pieces.len(), |i| cut(&mut rule.clone(), pieces[i]))?;
+        let mut parts = each(cx, pieces.len(), |i| cut(&mut rule.clone(), i * PIECE, pieces[i]))?;
         let cuts = parts.iter().fold(0, |sum: usize, part| sum.saturating_add(rule.room() - part.left));
         if cuts >= rule.room() {
             // The limit is reached. It applies to the triangles in their order, so they are subdivided one after
             // the other.
-            parts = vec![cut(&mut rule, &mesh.triangles)];
+            parts = vec![cut(&mut rule, 0, &mesh.triangles)];
         }
-        let (mut corners, mut colours) = (Vec::new(), Vec::new());
+        let (mut corners, mut colours, mut gloss_of) = (Vec::new(), Vec::new(), Vec::new());
         corners.reserve_exact(parts.iter().map(|part| part.corners.len()).sum());
         colours.reserve_exact(parts.iter().map(|part| part.colours.len()).sum());
         for part in parts {
             corners.extend(part.corners);
             colours.extend(part.colours);
+            gloss_of.extend(part.gloss_of);
+        }
+        // A mesh of which no triangle is glossy is traced as a matte one.
+        if gloss_of.iter().all(|&number| number == 0) {
+            gloss_of.clear();
         }
         let bvh = match cx {
             Some(cx) => Bvh::build_in(&corners, cx)?,
@@ -110,12 +123,26 @@ impl Receiver {
         let pieces: Vec<&[[Vec3; 3]]> = corners.chunks(PIECE).collect();
         let faces = each(cx, pieces.len(), |i| pieces[i].iter().copied().map(Face::new).collect::<Vec<_>>())?
             .concat();
-        Ok(Self { bvh, faces, colours, clamped, raised })
+        Ok(Self { bvh, faces, colours, glosses: mesh.glosses.clone(), gloss_of, clamped, raised })
     }
 
     /// Memory use in bytes.
     pub fn bytes(&self) -> u64 {
-        self.bvh.bytes() + (size_of_val(&*self.faces) + size_of_val(&*self.colours)) as u64
+        let gloss = size_of_val(&*self.gloss_of);
+        self.bvh.bytes() + (size_of_val(&*self.faces) + size_of_val(&*self.colours) + gloss) as u64
+    }
+
+    /// True if a part of the receiver is glossy. Estimates that hold for matte surfaces only are then not used.
+    #[inline]
+    pub fn is_glossy(&self) -> bool {
+        !self.gloss_of.is_empty()
+    }
+
+    /// Gloss of a triangle. `None` if it is matte.
+    #[inline]
+    pub(crate) fn gloss(&self, triangle: u32) -> Option<&Gloss> {
+        let number = *self.gloss_of.get(triangle as usize)?;
+        self.glosses.get((number as usize).checked_sub(1)?)
     }
 
     /// Largest albedo of any point, per channel.
@@ -169,16 +196,32 @@ impl Receiver {
         (face.at(hit), self.facing(hit), face.margin)
     }
 
-    /// Surface at a hit, on the side of the ray, outside all bodies.
+    /// Parameters of the BSDF of a glossy point.
+    fn params(&self, gloss: &Gloss, hit: &Hit) -> BsdfParams {
+        BsdfParams {
+            base: self.albedo_at(hit),
+            metallic: gloss.metallic,
+            roughness: gloss.roughness,
+            ior: gloss.ior,
+            specular: (gloss.specular, Vec3::ONE),
+            ..BsdfParams::default()
+        }
+    }
+
+    /// Surface at a hit, on the side of the ray, outside all bodies. `out` is the unit direction to the viewer.
     #[inline]
-    pub fn surface(&self, hit: &Hit) -> Surface {
+    pub fn surface(&self, hit: &Hit, out: Vec3) -> Surface {
         let face = &self.faces[hit.triangle as usize];
         let normal = self.facing(hit);
+        let bsdf = match self.gloss(hit.triangle) {
+            None => Bsdf::matte(normal, self.albedo_at(hit)),
+            Some(gloss) => Bsdf::glossy(normal, &self.params(gloss, hit), (gloss.normal.into(), out)),
+        };
         Surface {
             position: face.at(hit),
             normal,
             margin: face.margin,
-            bsdf: Bsdf::matte(normal, self.albedo_at(hit)),
+            bsdf,
             emission: Vec3::ZERO,
             media: Default::default(),
             cover: None,

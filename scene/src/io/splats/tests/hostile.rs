@@ -186,7 +186,7 @@ fn damaged(name: &str, bytes: &[u8], damage: &mut Damage) -> Vec<u8> {
         }
         "spz 2" | "spz 3" if damage.below(4) > 0 => {
             let mut plain = Vec::new();
-            std::io::Read::read_to_end(&mut flate2::read::GzDecoder::new(&bytes[..]), &mut plain).unwrap();
+            flate2::read::GzDecoder::new(&bytes[..]).read_to_end(&mut plain).unwrap();
             damage.apply(&mut plain);
             plain
         }
