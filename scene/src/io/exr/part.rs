@@ -7,7 +7,7 @@ pub(super) fn part_name(header: &Header) -> String {
     header.own_attributes.layer_name.as_ref().map_or_else(String::new, ToString::to_string)
 }
 
-/// What the name of a part says about its content; the first in this order is preferred.
+/// Content of a part, as its name states it; the first in this order is preferred.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Content {
     /// The finished picture.
