@@ -56,8 +56,8 @@ fn columns(graph: &Graph) -> Option<Vec<Vec<ColumnEntry>>> {
         }
         graph.reads(index).iter().for_each(|&above| first[above] = first[above].min(column[index]));
     }
-    for index in 0..graph.nodes.len() {
-        graph.reads(index).iter().for_each(|&above| last[above] = last[above].max(column[index]));
+    for (index, own) in column.iter().enumerate() {
+        graph.reads(index).iter().for_each(|&above| last[above] = last[above].max(*own));
     }
     let count = column.iter().max().map_or(0, |last| last + 1);
     let entries: usize =

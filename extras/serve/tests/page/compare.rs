@@ -51,7 +51,7 @@ fn what_cannot_be_compared_is_named() {
     let outputs = state["nodes"]["view"]["outputs"].as_array().unwrap();
     let depth = outputs.iter().find(|output| output["port"] == "depth").unwrap()["digest"].as_str().unwrap();
     let refused = lab.get(&format!("/difference/{now}/0/{depth}/0"));
-    assert_eq!((refused.status, &refused.json()["flip"]), (200, &serde_json::Value::Null));
+    assert_eq!((refused.status, &refused.json()["flip"]), (200, &Value::Null));
     assert!(refused.json()["notes"][0].as_str().unwrap().contains("encodings"), "{:?}", refused.json());
     let data = lab.get(&format!("/difference/{depth}/0/{depth}/0")).json();
     assert!(data["flip"].is_null() && data["report"]["tables"][0]["name"] == "ratio", "{data}");
