@@ -188,6 +188,11 @@ pub(crate) fn axes_read(
             let mistake = Diagnostic::new(place, "`Track` needs the name of an axis");
             return Err(mistake.hint("write `Track(\"frame\", [(0, 1.0), (11, 2.5)])`"));
         }
+        let twice = call.names().iter().enumerate().find(|(at, name)| call.names()[..*at].contains(name));
+        if let Some((_, name)) = twice {
+            let mistake = Diagnostic::new(place, format!("`Track` names the axis `{}` twice", shown(name)));
+            return Err(mistake.hint("`Track` reads the sum of the axes; name each of them once"));
+        }
         for name in call.names() {
             let index = axes.iter().position(|axis| axis.name == name);
             let index = index.ok_or_else(|| unknown(name, place.clone(), axes))?;
@@ -265,7 +270,7 @@ fn track(keys: &[(f64, &RawValue)], place: f64) -> Result<String, String> {
         (Some((_, only)), None) | (None, Some((_, only))) => only.clone(),
         (Some((from, a)), Some((to, b))) => {
             let share = (place - from) / (to - from);
-            a.iter().zip(b).map(|(a, b)| a + (b - a) * share).collect()
+            a.iter().zip(b).map(|(a, b)| exact(a + (b - a) * share, a.abs().max(b.abs()))).collect()
         }
         (None, None) => Vec::new(),
     };
@@ -274,6 +279,12 @@ fn track(keys: &[(f64, &RawValue)], place: f64) -> Result<String, String> {
     let text = |value: &f64| if whole(value) { format!("{value:.0}") } else { format!("{value:?}") };
     let texts: Vec<String> = values.iter().map(text).collect();
     Ok(if texts.len() == 1 { texts.concat() } else { format!("({})", texts.join(", ")) })
+}
+
+/// The whole number that a value would be without rounding errors, or the value. `size` is the size of the numbers from
+/// which it was interpolated. A whole parameter, such as a number of samples, needs it.
+fn exact(value: f64, size: f64) -> f64 {
+    if (value - value.round()).abs() <= 1e-12 * size { value.round() } else { value }
 }
 
 /// The value of an axis of numbers.
@@ -302,6 +313,20 @@ mod tests {
 
     fn values(text: &str) -> Result<Vec<String>, String> {
         Axis::read(&field(text), |_| Ok(Some(3))).map(|axis| axis.values).map_err(|mistake| mistake.message)
+    }
+
+    /// Steps such as 0.1 are not exact. This test fails if `exact` returns `value`.
+    #[test]
+    fn tracks_reach_whole_numbers_at_inexact_places() {
+        let keys: Vec<(f64, &RawValue)> =
+            parse_value("[(0.05, 0), (0.45, 64)]").unwrap_or_else(|e| panic!("{e:?}"));
+        let at = |index: u32| track(&keys, 0.05 + f64::from(index) * 0.1);
+        let values: Vec<String> = (0..5).filter_map(|index| at(index).ok()).collect();
+        assert_eq!(values, ["0", "16", "32", "48", "64"]);
+        assert!(track(&keys, 0.11).is_ok_and(|value| value.starts_with("9.")), "not a whole number");
+        let small: Vec<(f64, &RawValue)> =
+            parse_value("[(0, 0), (1, 3e-13)]").unwrap_or_else(|e| panic!("{e:?}"));
+        assert_eq!(track(&small, 0.5).as_deref(), Ok("1.5e-13"));
     }
 
     #[test]

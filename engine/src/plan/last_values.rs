@@ -9,12 +9,20 @@ use crate::graph::graph::Graph;
 use crate::graph::node::{Node, Wire};
 use crate::kind::contract::Keep;
 use crate::record::action::{Action, last_outputs, look_up, read_sources};
-use crate::record::record::Output;
+use crate::record::record::{Output, Record};
 use crate::run::code::stored_value;
 use crate::run::engine::Engine;
 use crate::run::job::context_of;
 use crate::value::artifact::{AnyArtifact, Artifact, decode_all};
 use crate::value::error::guarded;
+
+/// A graph, and the records of the results of its nodes.
+type Results<'a> = (&'a Graph, &'a dyn Fn(usize) -> Option<Record>);
+
+/// The output at the start of a wire.
+fn output_of(records: &dyn Fn(usize) -> Option<Record>, wire: Wire) -> Option<Output> {
+    records(wire.node)?.outputs.get(wire.port).cloned()
+}
 
 /// An output of a result in the store.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -60,47 +68,59 @@ impl Engine {
     /// recomputed with the nodes upstream of it. `None` if neither gives a value that has the digest of the last
     /// run. For tests and viewers.
     pub fn value<A: Artifact>(&self, graph: &Graph, wire: Wire) -> Option<A> {
-        let bytes = self.encoded(graph, wire, &self.last_output(graph, wire)?)?;
+        let last = self.last(graph);
+        let bytes = self.bytes_of((graph, &last), wire, &output_of(&last, wire)?)?;
         guarded(|| Ok(decode_all(&bytes)?)).ok()
     }
 
-    /// Same as [`value`](Self::value), but `None` if a node whose values are stored would have to run. Its values are
+    /// The value of an output in a run whose nodes had the keys `keys`, by their index. Another process may have run the
+    /// graph with other values since. `None` if a node whose values are stored would have to run: its values are
     /// elsewhere, for example on a server, or were removed.
-    pub fn value_at_hand<A: Artifact>(&self, graph: &Graph, wire: Wire) -> Option<A> {
-        let output = self.last_output(graph, wire)?;
+    pub fn value_at_hand<A: Artifact>(
+        &self,
+        graph: &Graph,
+        keys: &dyn Fn(usize) -> Option<Digest>,
+        wire: Wire,
+    ) -> Option<A> {
+        let records = |node: usize| look_up(&self.store, &graph.nodes[node], &keys(node)?);
+        let output = output_of(&records, wire)?;
         let is_stored = self.store.has_blob(&output.digest);
         let stays = |node: usize| graph.nodes[node].kind.store == Keep::Always;
-        if !is_stored && self.nodes_to_run(graph, wire).into_iter().any(stays) {
+        if !is_stored && self.nodes_to_run((graph, &records), wire).into_iter().any(stays) {
             return None;
         }
-        self.value(graph, wire)
+        let bytes = self.bytes_of((graph, &records), wire, &output)?;
+        guarded(|| Ok(decode_all(&bytes)?)).ok()
     }
 
     /// The canonical bytes of an output whose digest is known: from the store, or computed again from the results
     /// of the last run of the graph.
     pub(crate) fn encoded(&self, graph: &Graph, wire: Wire, output: &Output) -> Option<Vec<u8>> {
+        self.bytes_of((graph, &self.last(graph)), wire, output)
+    }
+
+    /// The records of the last run of a graph, by the index of the node.
+    fn last<'a>(&'a self, graph: &'a Graph) -> impl Fn(usize) -> Option<Record> + 'a {
+        |node| last_outputs(&self.store, graph, &graph.nodes[node])
+    }
+
+    fn bytes_of(&self, (graph, records): Results<'_>, wire: Wire, output: &Output) -> Option<Vec<u8>> {
         if let Some(bytes) = self.store.get_blob(&output.digest).ok()? {
             return Some(bytes);
         }
-        let value = self.made_again(graph, wire)?;
+        let value = self.made_again((graph, records), wire)?;
         let artifact = &graph.nodes[wire.node].kind.outputs[wire.port].artifact;
         let bytes = guarded(|| Ok((artifact.encode)(&value))).ok()?;
         Some(bytes).filter(|bytes| Digest::of(bytes) == output.digest)
     }
 
-    fn last_output(&self, graph: &Graph, wire: Wire) -> Option<Output> {
-        let record = last_outputs(&self.store, graph, &graph.nodes[wire.node])?;
-        record.outputs.get(wire.port).cloned()
-    }
-
     /// The nodes that must run for a value that is not in the store, in the order of the graph.
-    fn nodes_to_run(&self, graph: &Graph, wire: Wire) -> Vec<usize> {
+    fn nodes_to_run(&self, (graph, records): Results<'_>, wire: Wire) -> Vec<usize> {
         // The values of results that machines share may be elsewhere.
         let kept = |node: usize| {
             let here = |output: &Output| self.store.has_blob(&output.digest);
             graph.nodes[node].kind.store == Keep::Always
-                && last_outputs(&self.store, graph, &graph.nodes[node])
-                    .is_some_and(|record| record.outputs.iter().all(here))
+                && records(node).is_some_and(|record| record.outputs.iter().all(here))
         };
         // The walk ends at nodes whose values are stored.
         let mut runs = vec![false; graph.nodes.len()];
@@ -113,15 +133,15 @@ impl Engine {
         graph.order().iter().copied().filter(|&index| runs[index]).collect()
     }
 
-    fn made_again(&self, graph: &Graph, wire: Wire) -> Option<AnyArtifact> {
+    fn made_again(&self, (graph, records): Results<'_>, wire: Wire) -> Option<AnyArtifact> {
         let mut made: BTreeMap<usize, Vec<AnyArtifact>> = BTreeMap::new();
-        for index in self.nodes_to_run(graph, wire) {
+        for index in self.nodes_to_run((graph, records), wire) {
             let node = &graph.nodes[index];
             let input = |from: &Wire| match made.get(&from.node) {
                 Some(values) => values.get(from.port).cloned(),
                 None => {
                     let artifact = &graph.nodes[from.node].kind.outputs[from.port].artifact;
-                    stored_value(&self.store, artifact, &self.last_output(graph, *from)?.digest)
+                    stored_value(&self.store, artifact, &output_of(records, *from)?.digest)
                 }
             };
             let port = |wires: &Vec<Wire>| wires.iter().map(input).collect::<Option<Vec<_>>>();

@@ -262,6 +262,19 @@ impl Log {
         (count(State::Ran), count(State::Cached))
     }
 
+    /// The keys of the nodes of a graph in this run, by index.
+    pub fn keys_in(&self, graph: &Graph) -> impl Fn(usize) -> Option<engine::Digest> {
+        let all: Vec<Option<engine::Digest>> = (graph.nodes.iter())
+            .map(|node| {
+                self.events.iter().rev().find_map(|event| match event {
+                    Event::Node { id, key, .. } if *id == node.id => *key,
+                    _ => None,
+                })
+            })
+            .collect();
+        move |index| all[index]
+    }
+
     /// The name and key of every node that has a key, sorted by name.
     pub fn keys(&self) -> Vec<(String, String)> {
         let mut keys: Vec<_> = self

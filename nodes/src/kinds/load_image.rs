@@ -15,7 +15,7 @@ engine::params! {
     ///
     /// Integer codes become numbers from 0 to 1. Colours in spaces other than sRGB and linear Rec.709 are converted:
     /// those of displays to sRGB, those of scenes to linear Rec.709. `encoding` declares the space if the file does not
-    /// state it; with `Data`, numbers are kept as they are. Straight alpha (PNG, TIFF) is premultiplied.
+    /// state it or states a wrong one, and replaces what the file states; with `Data`, numbers are kept as they are. Straight alpha (PNG, TIFF) is premultiplied.
     pub struct LoadImage {
         /// Path of the file.
         path: InputFile, other("\"b.png\"");

@@ -123,7 +123,7 @@ impl Kind for ObjectMattes {
         find_ground(&mut objects, &receiver, origin, eye, (up, cx.metres_per_unit()), p.contact_metres);
         let groups = Groups::of(&p.names);
         let mut mattes = Mattes { layer: p.layer.clone(), names: groups.names.clone(), views: Vec::new() };
-        let mut counts = [0; 3];
+        let mut counts = [0; 4];
         for view in &inputs.object.0 {
             let (width, height, _) = view.picture.size();
             let camera = camera_of(&inputs.rig, &view.name, (width, height))?;
@@ -186,7 +186,8 @@ impl ObjectMattes {
         mut shares: Vec<Shares>,
         alpha: &[f64],
         (name, width, height): (&str, usize, usize),
-    ) -> (MatteView, [u64; 3]) {
+    ) -> (MatteView, [u64; 4]) {
+        let covered = alpha.iter().filter(|alpha| **alpha > 0.0).count() as u64;
         let [taken, empty] = spread(&mut shares, width, |pixel| alpha[pixel] > 0.0);
         let (ranks, mut cut) = (self.ranks as usize, 0);
         let mut indices = vec![0; width * height * ranks];
@@ -198,7 +199,10 @@ impl ObjectMattes {
                 (indices[pixel * ranks + rank], coverages[pixel * ranks + rank]) = (index, coverage);
             }
         }
-        (MatteView { name: name.to_owned(), width, height, ranks, indices, coverages }, [taken, empty, cut])
+        (
+            MatteView { name: name.to_owned(), width, height, ranks, indices, coverages },
+            [taken, empty, cut, covered],
+        )
     }
 }
 
@@ -256,14 +260,26 @@ fn alpha_of(picture: &Picture, port: &'static str) -> Result<Vec<f64>, NodeError
     Ok(last.map(limited).collect())
 }
 
+/// Maximum share of the pixels with alpha that may take the shares of their neighbours without a warning. A blur of a few
+/// pixels reaches 0.3 for a small object; an object that is not wired, or another rig, more than half.
+const MOST_SPREAD: f64 = 0.4;
+
 /// Notes about pixels that took the shares of others, that no object is near, and that show more objects than there are
 /// ranks.
-fn report([taken, empty, cut]: [u64; 3]) -> Notes {
+fn report([taken, empty, cut, covered]: [u64; 4]) -> Notes {
     let mut notes = Notes::none();
     if taken > 0 {
         let what =
             "pixels with alpha in which no sample shows an object took the shares of their neighbours: ";
-        notes.decision("mattes-spread", format!("{what}{taken}"));
+        if taken as f64 > MOST_SPREAD * covered as f64 {
+            let hint = "wire all objects of the trace, its rig and its `object`";
+            notes.warning(
+                "mattes-spread",
+                format!("{what}{taken} of {covered}, so the mattes may be wrong; {hint}"),
+            );
+        } else {
+            notes.decision("mattes-spread", format!("{what}{taken}"));
+        }
     }
     if empty > 0 {
         let what = "of the pixels with alpha are in a view in which no sample shows an object, so they have no matte; \

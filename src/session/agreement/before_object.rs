@@ -83,7 +83,7 @@ pub fn findings(
     }
     let keys: Vec<Digest> = all.iter().map(|(key, _)| *key).collect();
     let measured = memory.each(&keys, MOST_PAIRS, |index| {
-        let worst = of_pair(engine, graph, all[index].1)?;
+        let worst = of_pair(engine, graph, done, all[index].1)?;
         let reported = worst.filter(|worst| worst.share >= LEAST);
         Some(reported.iter().map(|worst| (ID, worst.text())).collect())
     });
@@ -179,15 +179,16 @@ fn key(graph: &Graph, drawn: Drawn, done: &Done) -> Option<Digest> {
 
 /// The worst of the views that a pair has in common. `None` if a value is not in the cache, and `Some(None)` if the
 /// pair has no view in common.
-fn of_pair(engine: &Engine, graph: &Graph, drawn: Drawn) -> Option<Option<Worst>> {
-    let rig = |node: usize| engine.value_at_hand::<Rig>(graph, *wires(graph, node, "rig").first()?);
+fn of_pair(engine: &Engine, graph: &Graph, done: &Done, drawn: Drawn) -> Option<Option<Worst>> {
+    let keys = |node: usize| done.key(graph, node).copied();
+    let rig = |node: usize| engine.value_at_hand::<Rig>(graph, &keys, *wires(graph, node, "rig").first()?);
     let views = common(&rig(drawn.splats)?, &rig(drawn.trace)?);
     let views: Vec<[usize; 2]> =
         spread(views.len(), MOST_VIEWS).into_iter().map(|index| views[index]).collect();
     // The pictures of one output at a time, since those of a rig may be large. A trace may lack outputs.
     let pictures = |node: usize, output: &str, side: usize| -> Option<Vec<Option<NamedImage>>> {
         let port = graph.nodes[node].kind.outputs.iter().position(|port| port.name == output)?;
-        let images = engine.value_at_hand::<Images>(graph, Wire { node, port })?;
+        let images = engine.value_at_hand::<Images>(graph, &keys, Wire { node, port })?;
         let mut images: Vec<_> = images.0.into_iter().map(Some).collect();
         Some(views.iter().map(|view| images.get_mut(view[side])?.take()).collect())
     };

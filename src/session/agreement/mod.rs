@@ -49,7 +49,7 @@ pub fn findings(engine: &Engine, graph: &Graph, done: &Done, memory: &mut Memory
     let (keys, pairs): (Vec<Digest>, Vec<Pair>) = keyed.unzip();
     let compared = memory.each(&keys, MOST_PLACES, |index| {
         let pair = &pairs[index];
-        let comparison = of_pair(engine, graph, pair)?;
+        let comparison = of_pair(engine, graph, done, pair)?;
         Some(comparison.map_or_else(Vec::new, |found| advice::texts(graph, pair, &found)))
     });
     let (mut found, mut wrong, mut left) = (Vec::new(), BTreeSet::new(), 0);
@@ -115,14 +115,15 @@ fn is_made_of_splats(graph: &Graph, mesh: usize) -> bool {
 
 /// Compares splats and mesh in the views of the cameras and around the objects. Returns `None` if a value is not in
 /// the cache, and `Some(None)` if there is nothing to compare.
-fn of_pair(engine: &Engine, graph: &Graph, pair: &Pair) -> Option<Option<Comparison>> {
+fn of_pair(engine: &Engine, graph: &Graph, done: &Done, pair: &Pair) -> Option<Option<Comparison>> {
+    let keys = |node: usize| done.key(graph, node).copied();
     // The run may have left values on a server; computing them here would take as long as the run.
-    let splats = engine.value_at_hand::<Splats>(graph, pair.splats)?;
-    let mesh = engine.value_at_hand::<Mesh>(graph, pair.mesh)?;
-    let rigs = pair.rigs.iter().map(|&wire| engine.value_at_hand::<Rig>(graph, wire));
+    let splats = engine.value_at_hand::<Splats>(graph, &keys, pair.splats)?;
+    let mesh = engine.value_at_hand::<Mesh>(graph, &keys, pair.mesh)?;
+    let rigs = pair.rigs.iter().map(|&wire| engine.value_at_hand::<Rig>(graph, &keys, wire));
     let rigs = rigs.collect::<Option<Vec<Rig>>>()?;
     let cameras: Vec<_> = rigs.into_iter().flat_map(|rig| rig.cameras).collect();
-    let objects = pair.objects.iter().map(|&wire| engine.value_at_hand::<Placed>(graph, wire));
+    let objects = pair.objects.iter().map(|&wire| engine.value_at_hand::<Placed>(graph, &keys, wire));
     let objects = objects.collect::<Option<Vec<Placed>>>()?;
     let around: Vec<DVec3> = objects.iter().filter_map(middle).collect();
     let Scene { up, metres_per_unit, .. } = graph.scene;

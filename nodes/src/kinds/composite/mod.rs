@@ -38,10 +38,11 @@ engine::choices! {
 engine::params! {
     /// Composites the rendered objects over the background, after darkening it by the shadow.
     ///
-    /// A pixel of the result is `(B * S + A) * (1 - M) + O` in linear light, where `B` is the background, `S` the
-    /// shadow, `A` the added light, and `O` the object, premultiplied by its alpha `M`. If `front` is wired, with
-    /// colour `F` and alpha `a`, a pixel is `((B - F) * S + A * (1 - a)) * (1 - M) + F + O * (1 - a)`: the
-    /// background already shows `F`, so `F`, limited to at most `B`, is first subtracted from `B`. The colours of a
+    /// A pixel of the result is `(B * S + A * b) * (1 - M) + O` in linear light, where `B` is the background,
+    /// premultiplied by its alpha `b`, `S` the shadow, `A` the added light, and `O` the object, premultiplied by its alpha
+    /// `M`. If `front` is wired, with colour `F` and alpha `a`, a pixel is
+    /// `((B - K) * S + A * b * (1 - a) + K) * (1 - M) + F * M + O * (1 - a)`: the background already shows `F`, so
+    /// `K`, which is `F` limited to at most `B`, is subtracted from `B` before the shadow. The colours of a
     /// splat render are un-premultiplied before they are decoded. Holes of the background show `backdrop`; with
     /// `backdrop: None` they stay transparent.
     ///

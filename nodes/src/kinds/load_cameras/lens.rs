@@ -92,8 +92,9 @@ fn coefficients(top: &Value, frame: &Value) -> Result<(Coefficients, Vec<String>
 }
 
 /// Keys in instant-ngp's `transforms.json` that mark lenses other than pinhole cameras.
-const OTHER_LENSES: [&str; 5] =
-    ["latlong", "equirectangular", "orthographic", "ftheta_p0", "is_equirectangular"];
+const OTHER_LENSES: [&str; 4] = ["latlong", "equirectangular", "orthographic", "is_equirectangular"];
+/// Key whose presence, whatever its value, marks an F-theta lens for instant-ngp.
+const F_THETA: &str = "ftheta_p0";
 
 /// Lens distortion of a camera with a picture of this size and a lens (fx, fy, cx, cy); `None` if it has none. Values
 /// missing in a frame are taken from the top level of the file. Models other than pinhole cameras are errors.
@@ -101,7 +102,8 @@ pub fn bend(top: &Value, frame: &Value, size: [u64; 2], lens: [f64; 4]) -> Resul
     let holder = |key: &str| level(top, frame, &[key]);
     let model = holder("camera_model")["camera_model"].as_str().unwrap_or("OPENCV");
     let (found, bends) = coefficients(top, frame)?;
-    if let Some(flag) = OTHER_LENSES.into_iter().find(|flag| is_set(&holder(flag)[*flag])) {
+    let f_theta = (!holder(F_THETA)[F_THETA].is_null()).then_some(F_THETA);
+    if let Some(flag) = OTHER_LENSES.into_iter().find(|flag| is_set(&holder(flag)[*flag])).or(f_theta) {
         return Err(format!("has `{flag}`, so it is not a pinhole camera"));
     }
     let flag = is_set(&holder("is_fisheye")["is_fisheye"]);

@@ -45,5 +45,5 @@ fn ranks_keep_the_largest_coverages() {
     let shares = vec![Shares::of([(0, 1.0), (1, 5.0), (2, 2.0)]), Shares::default()];
     let (view, counts) = p.finish(shares, &[1.0, 0.0], ("v", 2, 1));
     assert_eq!((view.indices, view.coverages), (vec![1, 2, 0, 0], vec![0.625, 0.25, 0.0, 0.0]));
-    assert_eq!(counts, [0, 0, 1]);
+    assert_eq!(counts, [0, 0, 1, 1]);
 }

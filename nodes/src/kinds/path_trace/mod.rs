@@ -244,7 +244,8 @@ impl Kind for PathTrace {
         objects.shown = !params.shadow_only;
         report_inputs(&inputs.receiver, &prepared, &objects, &mut notes);
         gloss::report(prepared.receiver(), &mut notes);
-        if !objects.is_empty() {
+        // A glossy receiver may need more columns than the objects.
+        if !objects.is_empty() && !prepared.receiver().is_glossy() {
             let most = inputs.env.image.width;
             EnvResolution::of(&inputs.env, &inputs.objects, most).report(&inputs.env, &mut notes);
         }

@@ -25,7 +25,8 @@ engine::params! {
     /// those of sRGB gives the colours of the view. With `to: None` the result is linear light. With another `to` it is
     /// data, and `write-exr` writes its numbers as they are.
     ///
-    /// Load a plate in a space that `load-image` does not know with `encoding: Data`, and name its space in `from`.
+    /// Load a plate in a space that `load-image` does not know with `encoding: Data`, and name its space in `from`, which
+    /// data needs. Files state sRGB for every display, so a display other than sRGB gives a warning.
     /// Numbers are those that OpenColorIO computes in 32-bit floats without its lossy optimisations. Alpha stays as it
     /// is; colours are divided by it before the conversion and multiplied by it afterwards.
     ///
@@ -153,6 +154,12 @@ impl Kind for RunOcio {
         };
         let done: Done = serde_json::from_slice(&read("done.json")?)?;
         notes.decision("ocio", format!("OpenColorIO {}: {} to {}", done.version, done.from, done.to));
+        if let Some(display) = p.display.as_ref().filter(|name| !name.to_ascii_lowercase().contains("srgb")) {
+            let text = format!(
+                "the codes are those of the display `{display}`, but files state sRGB: show them on that display without colour management, or tag them in another program"
+            );
+            notes.warning("display-not-srgb", text);
+        }
         let (mut views, mut broken) = (Vec::with_capacity(files.len()), 0);
         for (view, file) in inputs.image.0.iter().zip(&files) {
             cx.check()?;

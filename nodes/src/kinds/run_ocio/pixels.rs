@@ -24,6 +24,10 @@ pub(super) fn bytes_of(picture: &Picture, decode: bool) -> Result<Vec<u8>, NodeE
         Picture::Srgb(_) if decode => Cow::Owned(Picture::Linear(linear(picture, "image")?.into_owned())),
         _ => coloured(picture),
     };
+    if decode && matches!(*picture, Picture::Data(_)) {
+        let what = "the picture is data, so its space is not known";
+        return Err(NodeError::new(what).at("from").hint("name the space of its numbers in `from`"));
+    }
     let (width, height, channels) = picture.size();
     if !matches!(channels, 3 | 4) {
         let what = format!("the picture has no colours (channels: {channels})");

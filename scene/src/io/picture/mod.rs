@@ -121,6 +121,14 @@ pub fn decode_turned(
     let linear = source.as_ref().map_or(decoded.linear, SourceColour::is_scene);
     if let Some(source) = source.filter(|source| !data && !source.is_working()) {
         source.convert(&mut samples, channels, progress)?;
+        let beyond = samples.iter_mut().filter(|v| !v.is_finite());
+        let beyond = beyond.map(|v| *v = if v.is_nan() { 0.0 } else { 65_504.0_f32.copysign(*v) }).count();
+        if beyond > 0 {
+            let text = format!(
+                "samples of `{name}` are beyond the range of the colour space, and became 0 or 65504 (count: {beyond}); is `encoding` the space of the file?"
+            );
+            notes.warning("beyond-colour-space", text);
+        }
     }
     Ok(if data {
         Image::<Data>::from_samples(width, height, channels, samples).into()

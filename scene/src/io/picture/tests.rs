@@ -194,3 +194,19 @@ fn layers_of_an_exr_are_found_by_name_and_hold_numbers() {
     }
     assert!(refused(&of(&["R", "G"]), "").contains("the channels of the file are G, R"));
 }
+
+/// Light that is declared as a log has no finite value above the range of the log. An earlier version gave infinite and NaN
+/// samples, and another node failed.
+#[test]
+fn light_declared_as_a_log_is_reported() {
+    let plane = |name: &str, v: f32| {
+        (exr::Channel { name: name.to_owned(), samples: vec![v, 0.5] }, exr::Depth::Float)
+    };
+    let planes = vec![plane("R", 900.0), plane("G", 0.25), plane("B", 0.25)];
+    let (bytes, _) = exr::write(2, 1, planes, "", None).unwrap_or_else(|e| panic!("{e}"));
+    let (picture, notes) = load(&bytes, FileEncoding::LogC4, "");
+    assert!(picture.samples().iter().all(|v| v.is_finite()), "{:?}", picture.samples());
+    assert!(notes.iter().any(|note| note.id == "beyond-colour-space"), "{notes:?}");
+    let (_, notes) = load(&bytes, FileEncoding::AcesCg, "");
+    assert!(notes.iter().all(|note| note.id != "beyond-colour-space"));
+}

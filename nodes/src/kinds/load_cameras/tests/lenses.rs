@@ -144,6 +144,13 @@ fn flags_of_lenses_are_read() {
         let error = of_json(&frames(&format!(r#""{flag}": true, {lens}"#), "")).err().map(|e| e.to_string());
         assert!(error.is_some_and(|e| e.contains(flag)));
     }
+    // The first coefficient is usually 0. An earlier version then took the lens for a pinhole.
+    for value in ["0.0", "-1.5"] {
+        let key = format!(r#""ftheta_p0": {value}, "#);
+        for text in [frames(&format!("{key}{lens}"), ""), frames(lens, &key)] {
+            assert!(of_json(&text).err().is_some_and(|e| e.to_string().contains("ftheta_p0")), "{text}");
+        }
+    }
     // A frame may say that it is not a fisheye.
     for text in [
         frames(&format!(r#""is_fisheye": false, {lens}"#), ""),
