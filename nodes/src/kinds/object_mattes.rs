@@ -80,7 +80,8 @@ impl Kind for ObjectMattes {
             return Err(NodeError::new(what).at("layer").hint(hint));
         }
         if p.names.iter().any(String::is_empty) {
-            return Err(NodeError::new("the name of an object is empty").at("names"));
+            let error = NodeError::new("the name of an object is empty").at("names");
+            return Err(error.hint("give each object the name by which it is to be picked"));
         }
         Ok(())
     }

@@ -149,7 +149,7 @@ impl Kind for SetGloss {
             }
         }
         if count == 0 && !mesh.triangles.is_empty() {
-            let hint = "raise `thickness_metres` or `max_tilt_deg`, or move the pose onto the surface";
+            let hint = "raise `thickness_metres` or `max_tilt_deg`, move the pose onto the surface, or raise `width_metres` and `depth_metres` if the triangles are larger";
             return Err(NodeError::new("no triangle of the mesh lies in the part around `at`")
                 .at("at")
                 .hint(hint));

@@ -122,7 +122,8 @@ pub fn decode_turned(
     if let Some(source) = source.filter(|source| !data && !source.is_working()) {
         source.convert(&mut samples, channels, progress)?;
         let beyond = samples.iter_mut().filter(|v| !v.is_finite());
-        let beyond = beyond.map(|v| *v = if v.is_nan() { 0.0 } else { 65_504.0_f32.copysign(*v) }).count();
+        // NaN becomes 0.
+        let beyond = beyond.map(|v| *v = v.clamp(0.0, 65_504.0).max(0.0)).count();
         if beyond > 0 {
             let text = format!(
                 "samples of `{name}` are beyond the range of the colour space, and became 0 or 65504 (count: {beyond}); is `encoding` the space of the file?"
