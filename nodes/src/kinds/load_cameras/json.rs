@@ -130,8 +130,15 @@ fn pixels(v: &Value, key: &str) -> Result<u64, String> {
     optional(v, key)?.and_then(whole).ok_or_else(|| format!("has no valid size `{key}`"))
 }
 
-/// Reads a matrix of 3 or 4 rows of 4 numbers, or of 3 rows of 3 if `columns` is 3.
+/// Reads a matrix of 3 or 4 rows of 4 numbers, or of 3 rows of 3 if `columns` is 3. A list of 16 numbers has the rows one
+/// after the other.
 fn matrix(v: &Value, key: &str, columns: usize) -> Result<[[f64; 4]; 3], String> {
+    if let Some(flat) =
+        v[key].as_array().filter(|list| list.len() == 16 && columns == 4 && list[0].is_number())
+    {
+        let nested: Vec<Value> = flat.chunks(4).map(|row| row.to_vec().into()).collect();
+        return matrix(&serde_json::json!({ key: nested }), key, columns);
+    }
     let mut rows = [[0.0; 4]; 3];
     for (r, row) in rows.iter_mut().enumerate() {
         for (c, slot) in row.iter_mut().enumerate().take(columns) {
@@ -225,15 +232,7 @@ fn path_camera(top: &Value, camera: &Value, index: usize) -> Result<Raw, String>
         return Err(format!("has the camera type `{model}`, which is not a pinhole camera"));
     }
     let (width, height) = (pixels(top, "render_width")?, pixels(top, "render_height")?);
-    let mut rows = [[0.0; 4]; 3];
-    if camera["camera_to_world"][0].is_array() {
-        rows = matrix(camera, "camera_to_world", 4)?;
-    } else {
-        for (at, slot) in rows.as_flattened_mut().iter_mut().enumerate() {
-            let number = camera["camera_to_world"][at].as_f64();
-            *slot = number.ok_or("has no `camera_to_world` of 16 numbers")?;
-        }
-    }
+    let rows = matrix(camera, "camera_to_world", 4)?;
     let angle = number(camera, "fov")?;
     let focal = by_angle(angle.to_radians(), height)
         .ok_or_else(|| format!("has the angle `fov` {angle}, which is not between 0 and 180 degrees"))?;

@@ -122,16 +122,23 @@ const NAMES: [(Content, &[&str]); 3] = [
     ),
 ];
 
-/// The content of a part by its name, or by the last of the words of the name.
+/// The content of a part by the last of the words of its name. A word before it may make a picture a pass, such as
+/// `diffuse_color`.
 fn content(name: &str) -> Content {
     let lower = name.to_ascii_lowercase();
     if lower.contains("cryptomatte") {
         return Content::Data;
     }
-    let last = lower.rsplit(['.', '/', ' ', '_']).next().unwrap_or_default();
-    let last = last.trim_end_matches(|c: char| c.is_ascii_digit());
-    let found = NAMES.iter().find(|(_, names)| names.contains(&last));
-    found.map_or(Content::Unknown, |(content, _)| *content)
+    let of_word = |word: &str| {
+        let word = word.trim_end_matches(|c: char| c.is_ascii_digit());
+        let found = NAMES.iter().find(|(_, names)| names.contains(&word));
+        found.map_or(Content::Unknown, |(content, _)| *content)
+    };
+    let mut words = lower.rsplit(['.', '/', ' ', '_']).map(of_word);
+    match words.next() {
+        Some(Content::Picture) if words.any(|word| word == Content::Pass) => Content::Pass,
+        last => last.unwrap_or(Content::Unknown),
+    }
 }
 
 /// The colours of a part.

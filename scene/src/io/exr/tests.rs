@@ -189,6 +189,7 @@ fn masks_and_vectors_in_front_of_the_colours_are_not_read() {
         (&[("albedo", &rgb), mask, ("beauty", &rgb)], "beauty", ""),
         (&[("albedo", &rgb), ("shot", &rgb), ("ViewLayer.Combined", &rgb)], "ViewLayer.Combined", ""),
         (&[("ViewLayer.DiffCol", &rgb), ("shot", &rgb)], "shot", ""),
+        (&[("diffuse_color", &rgb), ("Combined", &rgb)], "Combined", ""),
         (&[plain, ("diffuse", &rgb), ("specular", &rgb)], "diffuse", ""),
         (&[("a", &[("a.R", 1.0), ("a.G", 2.0), ("a.B", 3.0)]), ("b", &rgb)], "b", ""),
         (&[vectors, mask], "mask", ""),

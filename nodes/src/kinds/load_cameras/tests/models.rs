@@ -161,6 +161,16 @@ fn focal_lengths_of_frames_and_files_are_combined() {
     assert_eq!(focal(r#""fl_y": 61, "#, ""), (61.0, 61.0));
 }
 
+/// A matrix as a list of 16 numbers, as paths of nerfstudio's viewer have it. An earlier version read it there only.
+#[test]
+fn matrices_may_be_lists_of_16_numbers() {
+    let text = frames(&format!("{SIZE}\"fl_x\": 50, "), "");
+    let flat = text.replace("[[", "[").replace("]]", "]").replace("], [", ", ");
+    let of = |text: &str| of_json(text).unwrap_or_else(|e| panic!("{text}: {e}")).0;
+    assert_ne!(text, flat);
+    assert_eq!(of(&text), of(&flat));
+}
+
 /// The key `camera_type` of nerfstudio's viewer in a `transforms.json`. An earlier version ignored it, so that fisheyes
 /// became pinhole cameras.
 #[test]
