@@ -146,7 +146,10 @@ fn a_picture_is_made_again_where_its_inputs_are_at_hand() {
     picture[place_of + 11] = b'9';
     std::fs::write(place.path("old.jpg"), &picture).unwrap();
     let errors = bad(place.call(&["plan", "old.jpg"]), 2);
-    assert!(errors.contains("made with version 9") && errors.contains("--other-versions"), "{errors}");
+    assert!(
+        errors.contains("made with version 90 of `load-image`") && errors.contains("--other-versions"),
+        "{errors}"
+    );
 }
 
 #[test]

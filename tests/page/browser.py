@@ -650,9 +650,11 @@ def place(b, p, graph=PLACE):
 
 def solid(b, x, y):
     """The colour of the place view at a fraction of its pane."""
-    return b.js("""const c = document.getElementById("solid"), gl = c.getContext("webgl2"), p = new Uint8Array(4);
-        gl.readPixels(Math.floor(arguments[0] * c.width), Math.floor((1 - arguments[1]) * c.height), 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, p);
-        return Array.from(p)""", x, y)
+    # `readPixels` gives 0 after a screenshot.
+    return b.js("""const c = document.getElementById("solid"), copy = Object.assign(document.createElement("canvas"), { width: 1, height: 1 });
+        const pen = copy.getContext("2d", { willReadFrequently: true });
+        pen.drawImage(c, Math.floor(arguments[0] * c.width), Math.floor(arguments[1] * c.height), 1, 1, 0, 0, 1, 1);
+        return Array.from(pen.getImageData(0, 0, 1, 1).data)""", x, y)
 
 
 def pose(p):
@@ -1417,9 +1419,8 @@ def looks(program, folder):
                 time.sleep(0.5)
                 browser.shot(folder / f"{name}.png")
                 browser.click("#tab-place")
-                until(lambda: "splats" in browser.text("#splat-count"), "the splats are there", 60)
-                # In software, a frame of the 4K screen takes long. After a screenshot, its pixels cannot be read.
-                time.sleep(5)
+                until(lambda: "splats" in browser.text("#splat-count") and solid(browser, 0.5, 0.5)[3] > 200, "the place is drawn", 60)
+                time.sleep(0.5)
                 browser.shot(folder / f"{name}-place.png")
     finally:
         place.stop()

@@ -10,7 +10,9 @@ and with a matte floor of the same colour. The regions are the shadow (a matte f
 reflection (a mirror in place of the floor shows an object), both without pixels of the objects. `s_max` of `shadow-ratio` is 8.
 """
 
-import argparse, json, math, os, struct, subprocess, sys, tempfile
+import argparse, math, os, subprocess, sys, tempfile
+
+from cycles_scene import add, ball, look, new_scene, planes, render, square, write_glb, write_ply
 
 WIDTH, HEIGHT = 240, 180
 EYE, TARGET, FOV = (0.4, -3.2, 1.3), (0.0, 0.0, 0.1), 40.0
@@ -25,67 +27,14 @@ GLOSSES = {
 BALL, BOX = (0.6, 0.08, 0.06), (0.7, 0.7, 0.65)
 
 
-def ball(radius, x, y, rings=40):
-    points, faces, columns = [], [], 2 * rings
-    for ring in range(rings + 1):
-        t = math.pi * ring / rings
-        for column in range(columns):
-            p = 2 * math.pi * column / columns
-            points.append((x + radius * math.sin(t) * math.cos(p), y + radius * math.sin(t) * math.sin(p), radius * (1 + math.cos(t))))
-    for ring in range(rings):
-        for column in range(columns):
-            a, b = ring * columns + column, ring * columns + (column + 1) % columns
-            c, d = a + columns, b + columns
-            if ring > 0:
-                faces.append((a, d, b))
-            if ring + 1 < rings:
-                faces.append((a, c, d))
-    return points, faces
-
-
 def box(low, high):
     points = [tuple(high[k] if i >> k & 1 else low[k] for k in range(3)) for i in range(8)]
     quads = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
     return points, [face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))]
 
 
-FLOOR = ([(-SIDE, -SIDE, 0), (SIDE, -SIDE, 0), (SIDE, SIDE, 0), (-SIDE, SIDE, 0)], [(0, 1, 2), (0, 2, 3)])
-OBJECTS = {"ball": (*ball(0.35, -0.35, 0.1), BALL), "box": (*box((0.25, 0.1, 0), (0.65, 0.5, 0.9)), BOX)}
-
-
-def write_ply(path, points, faces, grey):
-    with open(path, "w") as file:
-        file.write("ply\nformat ascii 1.0\n")
-        file.write(f"element vertex {len(points)}\nproperty float x\nproperty float y\nproperty float z\n")
-        file.write("property float red\nproperty float green\nproperty float blue\n")
-        file.write(f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n")
-        for x, y, z in points:
-            file.write(f"{x} {y} {z} {grey} {grey} {grey}\n")
-        for face in faces:
-            file.write("3 " + " ".join(map(str, face)) + "\n")
-
-
-def write_glb(path, points, faces, colour):
-    # glTF: y up. Faces have corners of their own, so that they are flat as in Cycles.
-    corners = [points[i] for face in faces for i in face]
-    data = b"".join(struct.pack("<3f", x, z, -y) for x, y, z in corners)
-    turned = [(x, z, -y) for x, y, z in corners]
-    low, high = ([f(axis) for axis in zip(*turned)] for f in (min, max))
-    doc = {
-        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "material": 0}]}],
-        "materials": [{"pbrMetallicRoughness": {"baseColorFactor": [*colour, 1], "metallicFactor": 0},
-                       "extensions": {"KHR_materials_ior": {"ior": 1.0}}}],
-        "extensionsUsed": ["KHR_materials_ior"], "buffers": [{"byteLength": len(data)}],
-        "bufferViews": [{"buffer": 0, "byteOffset": 0, "byteLength": len(data)}],
-        "accessors": [{"bufferView": 0, "componentType": 5126, "count": len(corners), "type": "VEC3", "min": low, "max": high}],
-    }
-    text = json.dumps(doc).encode()
-    text += b" " * (-len(text) % 4)
-    with open(path, "wb") as file:
-        file.write(struct.pack("<4sII", b"glTF", 2, 28 + len(text) + len(data)))
-        file.write(struct.pack("<I4s", len(text), b"JSON") + text)
-        file.write(struct.pack("<I4s", len(data), b"BIN\0") + data)
+FLOOR = square(SIDE)
+OBJECTS = {"ball": (*ball(0.35, -0.35, 0.1, 40), BALL), "box": (*box((0.25, 0.1, 0), (0.65, 0.5, 0.9)), BOX)}
 
 
 def graph(samples):
@@ -125,24 +74,10 @@ def sky(work):
 
 def cycles(work, samples):
     import bpy
-    from mathutils import Vector
 
     for gloss in [*GLOSSES, "matte"]:
-        bpy.ops.wm.read_factory_settings(use_empty=True)
-        scene = bpy.context.scene
-        scene.render.engine, scene.cycles.samples = "CYCLES", 4 * samples
-        scene.cycles.use_denoising = scene.cycles.use_adaptive_sampling = False
-        scene.cycles.max_bounces = scene.cycles.diffuse_bounces = scene.cycles.glossy_bounces = 9
-        scene.cycles.blur_glossy = scene.cycles.sample_clamp_indirect = 0
-        scene.cycles.pixel_filter_type = "BOX"
-        scene.render.resolution_x, scene.render.resolution_y = WIDTH, HEIGHT
-        scene.render.image_settings.file_format, scene.render.image_settings.color_depth = "OPEN_EXR", "32"
-        scene.render.threads_mode, scene.render.threads = "FIXED", 2
-        scene.view_settings.view_transform = "Raw"
-        world = bpy.data.worlds.new("w")
-        scene.world = world
-        world.use_nodes = True
-        tree = world.node_tree
+        scene = new_scene((WIDTH, HEIGHT), 4 * samples, threads=2)
+        tree = scene.world.node_tree
         image = bpy.data.images.load(os.path.join(work, "env.exr"))
         image.colorspace_settings.name = "Linear Rec.709"
         texture, place, turn = (tree.nodes.new(f"ShaderNode{name}") for name in ("TexEnvironment", "TexCoord", "Mapping"))
@@ -151,45 +86,13 @@ def cycles(work, samples):
         tree.links.new(place.outputs["Generated"], turn.inputs["Vector"])
         tree.links.new(turn.outputs[0], texture.inputs["Vector"])
         tree.links.new(texture.outputs[0], tree.nodes["Background"].inputs["Color"])
-
-        def add(name, points, faces, colour, glossy=None):
-            mesh = bpy.data.meshes.new(name)
-            mesh.from_pydata(points, [], faces)
-            material = bpy.data.materials.new(name)
-            material.use_nodes = True
-            nodes = material.node_tree.nodes
-            nodes.clear()
-            shader, output = nodes.new(f"ShaderNodeBsdf{'Principled' if glossy else 'Diffuse'}"), nodes.new("ShaderNodeOutputMaterial")
-            shader.inputs["Base Color" if glossy else "Color"].default_value = (*colour, 1)
-            if glossy:
-                for socket, value in zip(("Roughness", "IOR", "Metallic"), glossy):
-                    shader.inputs[socket].default_value = value
-            material.node_tree.links.new(shader.outputs[0], output.inputs[0])
-            mesh.materials.append(material)
-            thing = bpy.data.objects.new(name, mesh)
-            scene.collection.objects.link(thing)
-            return thing
-
-        add("floor", *FLOOR, (ALBEDO,) * 3, GLOSSES.get(gloss))
-        things = [add(name, *shape) for name, shape in OBJECTS.items()]
-        camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
-        camera.location = EYE
-        camera.rotation_euler = (Vector(TARGET) - Vector(EYE)).to_track_quat("-Z", "Y").to_euler()
-        camera.data.sensor_fit, camera.data.angle = "VERTICAL", math.radians(FOV)
-        scene.collection.objects.link(camera)
-        scene.camera = camera
+        add(scene, "floor", *FLOOR, (ALBEDO,) * 3, GLOSSES.get(gloss))
+        things = [add(scene, name, *shape) for name, shape in OBJECTS.items()]
+        look(scene, EYE, TARGET, FOV)
         for name, hidden in (("without", True), ("with", False)):
             for thing in things:
                 thing.hide_render, thing.visible_camera = hidden, False
-            scene.render.filepath = os.path.join(work, f"cycles-{gloss}-{name}.exr")
-            bpy.ops.render.render(write_still=True)
-
-
-def planes(path, names):
-    import numpy, OpenEXR
-    with OpenEXR.File(path, separate_channels=True) as file:
-        channels = file.channels()
-        return numpy.stack([channels[name].pixels.astype(numpy.float64) for name in names], -1)
+            render(scene, os.path.join(work, f"cycles-{gloss}-{name}.exr"))
 
 
 def compare(work):

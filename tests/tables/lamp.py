@@ -7,71 +7,15 @@ PYTHON needs `bpy`, `OpenEXR` and `numpy`. Prints one line per lamp and part of 
 the relative MSE, mean((a - b)^2 / (b^2 + 0.01)). Cycles gets the lamp as its own light, in watts: pi * area * radiance.
 """
 
-import argparse, json, math, os, struct, subprocess, sys, tempfile
+import argparse, math, os, subprocess, sys, tempfile
+
+from cycles_scene import add, ball, look, new_scene, planes, render, square, write_glb, write_ply
 
 WIDTH, HEIGHT, SAMPLES = 160, 120, 1024
 EYE, TARGET, FOV = (1.6, -2.2, 1.5), (0.0, 0.0, 0.3), 40.0
 AT, RADIUS, PANEL, RADIANCE = (0.5, -0.4, 1.3), 0.15, (0.3, 0.5), 40.0
 BALL, ALBEDO, FLOOR = 0.3, 0.6, 0.4
 SHAPES = ["Disc", "Sphere", "Panel"]
-
-
-def ball(rings=48):
-    points, faces, columns = [], [], 2 * rings
-    for ring in range(rings + 1):
-        t = math.pi * ring / rings
-        for column in range(columns):
-            p = 2 * math.pi * column / columns
-            points.append((BALL * math.sin(t) * math.cos(p), BALL * math.sin(t) * math.sin(p), BALL * math.cos(t) + BALL))
-    for ring in range(rings):
-        for column in range(columns):
-            a, b = ring * columns + column, ring * columns + (column + 1) % columns
-            c, d = a + columns, b + columns
-            if ring > 0:
-                faces.append((a, d, b))
-            if ring + 1 < rings:
-                faces.append((a, c, d))
-    return points, faces
-
-
-def write_ply(path, points, faces, grey):
-    code = round(255 * grey)
-    with open(path, "w") as file:
-        file.write("ply\nformat ascii 1.0\n")
-        file.write(f"element vertex {len(points)}\nproperty float x\nproperty float y\nproperty float z\n")
-        file.write("property uchar red\nproperty uchar green\nproperty uchar blue\n")
-        file.write(f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n")
-        for x, y, z in points:
-            file.write(f"{x} {y} {z} {code} {code} {code}\n")
-        for face in faces:
-            file.write("3 " + " ".join(map(str, face)) + "\n")
-
-
-def write_glb(path, points, faces):
-    # glTF: y up.
-    data = b"".join(struct.pack("<3f", x, z, -y) for x, y, z in points)
-    index = b"".join(struct.pack("<3I", *face) for face in faces)
-    low = [min(p) for p in zip(*[(x, z, -y) for x, y, z in points])]
-    high = [max(p) for p in zip(*[(x, z, -y) for x, y, z in points])]
-    doc = {
-        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1, "material": 0}]}],
-        "materials": [{"pbrMetallicRoughness": {"baseColorFactor": [ALBEDO] * 3 + [1], "metallicFactor": 0},
-                       "extensions": {"KHR_materials_ior": {"ior": 1.0}}}],
-        "extensionsUsed": ["KHR_materials_ior"],
-        "buffers": [{"byteLength": len(data) + len(index)}],
-        "bufferViews": [{"buffer": 0, "byteOffset": 0, "byteLength": len(data)},
-                        {"buffer": 0, "byteOffset": len(data), "byteLength": len(index)}],
-        "accessors": [{"bufferView": 0, "componentType": 5126, "count": len(points), "type": "VEC3", "min": low, "max": high},
-                      {"bufferView": 1, "componentType": 5125, "count": 3 * len(faces), "type": "SCALAR"}],
-    }
-    text = json.dumps(doc).encode()
-    text += b" " * (-len(text) % 4)
-    body = data + index
-    with open(path, "wb") as file:
-        file.write(struct.pack("<4sII", b"glTF", 2, 28 + len(text) + len(body)))
-        file.write(struct.pack("<I4s", len(text), b"JSON") + text)
-        file.write(struct.pack("<I4s", len(body), b"BIN\0") + body)
 
 
 def graph(shape):
@@ -88,40 +32,12 @@ def graph(shape):
 
 def cycles(work):
     import bpy
-    from mathutils import Vector
 
     for shape in SHAPES:
-        bpy.ops.wm.read_factory_settings(use_empty=True)
-        scene = bpy.context.scene
-        scene.render.engine = "CYCLES"
-        scene.cycles.samples, scene.cycles.use_denoising, scene.cycles.use_adaptive_sampling = SAMPLES, False, False
-        scene.cycles.max_bounces = scene.cycles.diffuse_bounces = 9
-        scene.cycles.pixel_filter_type = "BOX"
-        scene.render.resolution_x, scene.render.resolution_y = WIDTH, HEIGHT
-        scene.render.image_settings.file_format, scene.render.image_settings.color_depth = "OPEN_EXR", "32"
-        scene.view_settings.view_transform = "Raw"
-        world = bpy.data.worlds.new("w")
-        scene.world = world
-        world.use_nodes = True
-        world.node_tree.nodes["Background"].inputs[0].default_value = (0.1, 0.1, 0.1, 1)
-
-        def add(name, points, faces, grey):
-            mesh = bpy.data.meshes.new(name)
-            mesh.from_pydata(points, [], faces)
-            material = bpy.data.materials.new(name)
-            material.use_nodes = True
-            tree = material.node_tree
-            tree.nodes.clear()
-            shader, output = tree.nodes.new("ShaderNodeBsdfDiffuse"), tree.nodes.new("ShaderNodeOutputMaterial")
-            shader.inputs["Color"].default_value = (grey, grey, grey, 1)
-            tree.links.new(shader.outputs[0], output.inputs[0])
-            mesh.materials.append(material)
-            thing = bpy.data.objects.new(name, mesh)
-            scene.collection.objects.link(thing)
-
-        add("floor", [(-20, -20, 0), (20, -20, 0), (20, 20, 0), (-20, 20, 0)], [(0, 1, 2), (0, 2, 3)], FLOOR)
-        points, faces = ball()
-        add("ball", points, faces, ALBEDO)
+        scene = new_scene((WIDTH, HEIGHT), SAMPLES)
+        scene.world.node_tree.nodes["Background"].inputs[0].default_value = (0.1, 0.1, 0.1, 1)
+        add(scene, "floor", *square(20), (FLOOR,) * 3)
+        add(scene, "ball", *ball(BALL, 0, 0, 48), (ALBEDO,) * 3)
         if shape == "Sphere":
             light = bpy.data.lights.new("lamp", "POINT")
             light.shadow_soft_size = RADIUS
@@ -138,21 +54,8 @@ def cycles(work):
         lamp.location = AT
         lamp.visible_camera = False
         scene.collection.objects.link(lamp)
-        camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
-        camera.location = EYE
-        camera.rotation_euler = (Vector(TARGET) - Vector(EYE)).to_track_quat("-Z", "Y").to_euler()
-        camera.data.sensor_fit, camera.data.angle = "VERTICAL", math.radians(FOV)
-        scene.collection.objects.link(camera)
-        scene.camera = camera
-        scene.render.filepath = os.path.join(work, f"cycles-{shape}.exr")
-        bpy.ops.render.render(write_still=True)
-
-
-def planes(path, names):
-    import numpy, OpenEXR
-    with OpenEXR.File(path, separate_channels=True) as file:
-        channels = file.channels()
-        return numpy.stack([channels[name].pixels.astype(numpy.float64) for name in names], -1)
+        look(scene, EYE, TARGET, FOV)
+        render(scene, os.path.join(work, f"cycles-{shape}.exr"))
 
 
 def compare(work):
@@ -192,9 +95,8 @@ def main():
     os.makedirs(work, exist_ok=True)
     if args.step:
         return {"cycles": cycles, "compare": compare}[args.step](work)
-    write_ply(os.path.join(work, "floor.ply"), [(-20, -20, 0), (20, -20, 0), (20, 20, 0), (-20, 20, 0)], [(0, 1, 2), (0, 2, 3)], FLOOR)
-    points, faces = ball()
-    write_glb(os.path.join(work, "ball.glb"), points, faces)
+    write_ply(os.path.join(work, "floor.ply"), *square(20), FLOOR)
+    write_glb(os.path.join(work, "ball.glb"), *ball(BALL, 0, 0, 48), (ALBEDO,) * 3)
     make = "import numpy, OpenEXR; a = numpy.full((16, 32, 3), 0.1, 'float32'); OpenEXR.File({}, {'RGB': a}).write('env.exr')"
     subprocess.run([args.python, "-c", make], cwd=work, check=True)
     for shape in SHAPES:

@@ -136,8 +136,8 @@ enum Call<'t> {
     /// The value of the named axis.
     Axis(#[serde(borrow)] Cow<'t, str>),
     /// A value that depends on the value of the named axis, or on the sum of the values of several axes, interpolated
-    /// between keys. The keys are in ascending order of axis value. Each key is a pair of an axis value and either one number or several numbers in
-    /// parentheses.
+    /// between keys. The keys are in ascending order of axis value. Each key is a pair of an axis value and either one
+    /// number or several numbers in parentheses.
     Track(#[serde(borrow)] Names<'t>, #[serde(borrow)] Vec<(f64, &'t RawValue)>),
 }
 

@@ -124,7 +124,7 @@ impl Kind for ObjectMattes {
         find_ground(&mut objects, &receiver, origin, eye, (up, cx.metres_per_unit()), p.contact_metres);
         let groups = Groups::of(&p.names);
         let mut mattes = Mattes { layer: p.layer.clone(), names: groups.names.clone(), views: Vec::new() };
-        let mut counts = [0; 4];
+        let mut counts = Counts::default();
         for view in &inputs.object.0 {
             let (width, height, _) = view.picture.size();
             let camera = camera_of(&inputs.rig, &view.name, (width, height))?;
@@ -136,10 +136,10 @@ impl Kind for ObjectMattes {
                 alpha.iter_mut().zip(front).for_each(|(alpha, front)| *alpha *= 1.0 - front);
             }
             let (matte, own) = p.finish(found, &alpha, (&view.name, width, height));
-            counts.iter_mut().zip(own).for_each(|(count, own)| *count += own);
+            counts.add(own);
             mattes.views.push(matte);
         }
-        Ok((Out { mattes: Arc::new(mattes) }, report(counts)))
+        Ok((Out { mattes: Arc::new(mattes) }, counts.notes()))
     }
 }
 
@@ -180,30 +180,82 @@ impl ObjectMattes {
         Ok(rows.into_iter().flat_map(|(row, _)| row).collect())
     }
 
-    /// The mattes of a view from the shares of its pixels and the alpha that the coverages of each pixel sum to. The
-    /// counts are those of [`report`].
+    /// The mattes of a view from the shares of its pixels and the alpha that the coverages of each pixel sum to.
     fn finish(
         &self,
         mut shares: Vec<Shares>,
         alpha: &[f64],
         (name, width, height): (&str, usize, usize),
-    ) -> (MatteView, [u64; 4]) {
-        let covered = alpha.iter().filter(|alpha| **alpha > 0.0).count() as u64;
-        let [taken, empty] = spread(&mut shares, width, |pixel| alpha[pixel] > 0.0);
-        let (ranks, mut cut) = (self.ranks as usize, 0);
+    ) -> (MatteView, Counts) {
+        let solid = || shares.iter().zip(alpha).filter(|(_, alpha)| **alpha > SOLID);
+        let mut counts = Counts { solid: solid().count() as u64, ..Counts::default() };
+        counts.unseen = solid().filter(|(own, _)| own.is_empty()).count() as u64;
+        [counts.taken, counts.empty] = spread(&mut shares, width, |pixel| alpha[pixel] > 0.0);
+        let ranks = self.ranks as usize;
         let mut indices = vec![0; width * height * ranks];
         let mut coverages = vec![0.0; width * height * ranks];
         for (pixel, (own, alpha)) in shares.iter().zip(alpha).enumerate() {
             let pairs = own.ranked(*alpha);
-            cut += u64::from(pairs.len() > ranks);
+            counts.cut += u64::from(pairs.len() > ranks);
             for (rank, (index, coverage)) in pairs.into_iter().take(ranks).enumerate() {
                 (indices[pixel * ranks + rank], coverages[pixel * ranks + rank]) = (index, coverage);
             }
         }
-        (
-            MatteView { name: name.to_owned(), width, height, ranks, indices, coverages },
-            [taken, empty, cut, covered],
-        )
+        (MatteView { name: name.to_owned(), width, height, ranks, indices, coverages }, counts)
+    }
+}
+
+/// Alpha above which a pixel is inside an object. A blur leaves less in pixels that the object does not reach by itself.
+const SOLID: f64 = 0.9;
+/// Maximum share of the pixels inside objects in which no sample shows an object, without a warning. With other objects
+/// or another rig it is about one half or more.
+const MOST_UNSEEN: f64 = 0.05;
+
+/// Numbers of pixels.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+struct Counts {
+    /// Pixels inside objects, by their alpha.
+    solid: u64,
+    /// Pixels inside objects in which no sample shows one.
+    unseen: u64,
+    /// Pixels with alpha in which no sample shows an object, and that took the shares of others.
+    taken: u64,
+    /// Pixels with alpha that no object is near.
+    empty: u64,
+    /// Pixels that show more objects than there are ranks.
+    cut: u64,
+}
+
+impl Counts {
+    fn add(&mut self, view: Self) {
+        self.solid += view.solid;
+        self.unseen += view.unseen;
+        self.taken += view.taken;
+        self.empty += view.empty;
+        self.cut += view.cut;
+    }
+
+    fn notes(&self) -> Notes {
+        let mut notes = Notes::none();
+        if self.unseen as f64 > MOST_UNSEEN * self.solid as f64 {
+            let text = format!(
+                "no sample shows an object in {} of the {} pixels inside objects, so the mattes are wrong there; wire all \
+                 objects of the trace, its rig and its `object`",
+                self.unseen, self.solid
+            );
+            notes.warning("mattes-disagree", text);
+        }
+        if self.taken > 0 {
+            let what =
+                "pixels with alpha in which no sample shows an object took the shares of their neighbours: ";
+            notes.decision("mattes-spread", format!("{what}{}", self.taken));
+        }
+        let empty = "of the pixels with alpha are in a view in which no sample shows an object, so they have no matte; \
+                     wire the objects and the rig of the trace, or raise `samples`";
+        notes.count("mattes-empty", self.empty, empty);
+        let cut = "of the pixels show more objects than `ranks`; those with the least coverage are left out";
+        notes.count("mattes-cut", self.cut, cut);
+        notes
     }
 }
 
@@ -259,42 +311,6 @@ fn alpha_of(picture: &Picture, port: &'static str) -> Result<Vec<f64>, NodeError
     // NaN becomes 0.
     let limited = |alpha: &f32| if *alpha > 0.0 { f64::from(alpha.min(1.0)) } else { 0.0 };
     Ok(last.map(limited).collect())
-}
-
-/// Maximum share of the pixels with alpha that may take the shares of their neighbours without a warning. A blur of a few
-/// pixels reaches 0.3 for a small object; an object that is not wired, or another rig, more than half.
-const MOST_SPREAD: f64 = 0.4;
-
-/// Notes about pixels that took the shares of others, that no object is near, and that show more objects than there are
-/// ranks.
-fn report([taken, empty, cut, covered]: [u64; 4]) -> Notes {
-    let mut notes = Notes::none();
-    if taken > 0 {
-        let what =
-            "pixels with alpha in which no sample shows an object took the shares of their neighbours: ";
-        if taken as f64 > MOST_SPREAD * covered as f64 {
-            let hint = "wire all objects of the trace, its rig and its `object`";
-            notes.warning(
-                "mattes-spread",
-                format!("{what}{taken} of {covered}, so the mattes may be wrong; {hint}"),
-            );
-        } else {
-            notes.decision("mattes-spread", format!("{what}{taken}"));
-        }
-    }
-    if empty > 0 {
-        let what = "of the pixels with alpha are in a view in which no sample shows an object, so they have no matte; \
-                    wire the objects and the rig of the trace, or raise `samples`";
-        notes.count("mattes-empty", empty, what);
-    }
-    if cut > 0 {
-        notes.count(
-            "mattes-cut",
-            cut,
-            "of the pixels show more objects than `ranks`; those with the least coverage are left out",
-        );
-    }
-    notes
 }
 
 #[cfg(test)]

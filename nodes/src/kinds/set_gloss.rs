@@ -137,14 +137,15 @@ impl Kind for SetGloss {
             normal: normal.as_vec3().to_array(),
         };
         let mut mesh = Mesh::clone(&mesh);
-        let number = number(&mut mesh.glosses, gloss);
+        let mut known = std::mem::take(&mut mesh.glosses);
+        let own = number(&mut known, gloss);
         let mut gloss_of = std::mem::take(&mut mesh.gloss_of);
         gloss_of.resize(mesh.triangles.len(), 0);
         let mut count = 0_u64;
         for (triangle, of) in mesh.triangles.iter().zip(&mut gloss_of) {
             let corners = triangle.map(|corner| mesh.position(corner));
             if part.as_ref().is_none_or(|part| part.contains(corners)) {
-                *of = number;
+                *of = own;
                 count += 1;
             }
         }
@@ -156,9 +157,11 @@ impl Kind for SetGloss {
         }
         let all = gloss_of.len();
         notes.decision("gloss", format!("{count} of the {all} triangles of the mesh get this gloss"));
-        if gloss_of.iter().all(|number| *number == 0) {
-            mesh.glosses.clear();
-        } else {
+        // A gloss that no triangle has any more is not part of the mesh.
+        for of in gloss_of.iter_mut().filter(|of| **of > 0) {
+            *of = number(&mut mesh.glosses, known[*of as usize - 1]);
+        }
+        if !mesh.glosses.is_empty() {
             mesh.gloss_of = gloss_of;
         }
         Ok((Out { mesh: Arc::new(mesh) }, notes))
@@ -229,8 +232,8 @@ mod tests {
         assert!(run(&params, corner(), high).is_err());
     }
 
-    /// This test fails if a second gloss replaces the first one everywhere, or if a gloss that reflects nothing is kept
-    /// in the list.
+    /// This test fails if a second gloss replaces the first one everywhere, or if a gloss that reflects nothing, or that no
+    /// triangle has any more, is kept in the list.
     #[test]
     fn parts_keep_their_gloss_and_no_gloss_is_the_same_mesh() {
         let home = Some(DMat4::IDENTITY);
@@ -239,6 +242,8 @@ mod tests {
             run(&SetGloss { metallic: 1.0, ..SetGloss::default() }, Mesh::clone(&all), home).expect("runs");
         assert_eq!(both.glosses.len(), 2);
         assert_eq!([0, 9].map(|i| both.gloss(i).map(|gloss| gloss.metallic)), [Some(1.0), Some(0.0)]);
+        let again = run(&SetGloss::default(), Mesh::clone(&both), None).expect("runs");
+        assert_eq!(*again, *run(&SetGloss::default(), corner(), None).expect("runs"));
         for none in
             [SetGloss { specular: 0.0, ..SetGloss::default() }, SetGloss { ior: 1.0, ..SetGloss::default() }]
         {

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::pair::{DigestOf, Finding, spread};
 
 /// Format of the stored findings. Its number is raised when the layout or a comparison changes.
-const FORMAT: &str = "lightharmony agreement 4";
+const FORMAT: &str = "lightharmony agreement 5";
 /// Maximum number of comparisons whose findings are kept for each graph. The oldest are dropped.
 const MOST_KEPT: usize = 4096;
 /// Maximum number of comparisons of one kind that later runs complete. With more, the findings of a run could drop

@@ -19,6 +19,11 @@ impl Shares {
         }
     }
 
+    /// True if no sample shows an object.
+    pub(super) fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
     fn sum(&self) -> f64 {
         self.0.iter().map(|(_, weight)| weight).sum()
     }
@@ -37,7 +42,7 @@ impl Shares {
 /// from neighbour to neighbour. Returns the number of these pixels, and of those that no pixel with shares is connected
 /// to.
 pub(super) fn spread(shares: &mut [Shares], width: usize, wanted: impl Fn(usize) -> bool) -> [u64; 2] {
-    let is_open = |pixel: &usize| shares[*pixel].0.is_empty() && wanted(*pixel);
+    let is_open = |pixel: &usize| shares[*pixel].is_empty() && wanted(*pixel);
     let mut open: Vec<usize> = (0..shares.len()).filter(is_open).collect();
     let mut taken = 0;
     loop {
@@ -45,7 +50,7 @@ pub(super) fn spread(shares: &mut [Shares], width: usize, wanted: impl Fn(usize)
         let before = taken;
         let mut rest = Vec::new();
         for (pixel, found) in open.into_iter().zip(found) {
-            if found.0.is_empty() {
+            if found.is_empty() {
                 rest.push(pixel);
             } else {
                 shares[pixel] = found;

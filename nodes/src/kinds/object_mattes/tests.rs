@@ -45,5 +45,20 @@ fn ranks_keep_the_largest_coverages() {
     let shares = vec![Shares::of([(0, 1.0), (1, 5.0), (2, 2.0)]), Shares::default()];
     let (view, counts) = p.finish(shares, &[1.0, 0.0], ("v", 2, 1));
     assert_eq!((view.indices, view.coverages), (vec![1, 2, 0, 0], vec![0.625, 0.25, 0.0, 0.0]));
-    assert_eq!(counts, [0, 0, 1, 1]);
+    assert_eq!(counts, Counts { solid: 1, cut: 1, ..Counts::default() });
+}
+
+/// The objects or the camera of another trace. This test fails if `SOLID` is 0, so that blurred edges count, or if
+/// `MOST_UNSEEN` is 1.
+#[test]
+fn mattes_of_other_objects_are_reported() {
+    let warned = |shown: usize, alpha: f64| {
+        let one = || Shares::of([(0, 1.0)]);
+        let shares = (0..10).map(|pixel| if pixel < shown { one() } else { Shares::default() }).collect();
+        let alphas: Vec<f64> = (0..10).map(|pixel| if pixel < 5 { 1.0 } else { alpha }).collect();
+        let (_, counts) = ObjectMattes::default().finish(shares, &alphas, ("v", 10, 1));
+        counts.notes().iter().any(|note| note.id == "mattes-disagree")
+    };
+    assert!(warned(5, 1.0), "half of the object is not wired");
+    assert!(!warned(10, 1.0) && !warned(5, 0.45), "all is wired, and the object is blurred");
 }

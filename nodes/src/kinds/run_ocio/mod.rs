@@ -26,7 +26,7 @@ engine::params! {
     /// data, and `write-exr` writes its numbers as they are.
     ///
     /// Load a plate in a space that `load-image` does not know with `encoding: Data`, and name its space in `from`, which
-    /// data needs. Files state sRGB for every display, so a display other than sRGB gives a warning.
+    /// data needs. Files state sRGB for every display, so a display and view without `sRGB` in their names give a warning.
     /// Numbers are those that OpenColorIO computes in 32-bit floats without its lossy optimisations. Alpha stays as it
     /// is; colours are divided by it before the conversion and multiplied by it afterwards.
     ///
@@ -154,9 +154,11 @@ impl Kind for RunOcio {
         };
         let done: Done = serde_json::from_slice(&read("done.json")?)?;
         notes.decision("ocio", format!("OpenColorIO {}: {} to {}", done.version, done.from, done.to));
-        if let Some(display) = p.display.as_ref().filter(|name| !name.to_ascii_lowercase().contains("srgb")) {
+        // In some configurations, the name of the view states the display.
+        if p.display.is_some() && !done.to.to_ascii_lowercase().contains("srgb") {
             let text = format!(
-                "the codes are those of the display `{display}`, but files state sRGB: show them on that display without colour management, or tag them in another program"
+                "the codes may not be those of sRGB ({}), but files state sRGB: show them on that display without colour management, or tag them in another program",
+                done.to
             );
             notes.warning("display-not-srgb", text);
         }

@@ -4,7 +4,7 @@
 use std::os::unix::fs::PermissionsExt;
 
 use engine::{Scene, Up};
-use scene::types::{Image, Linear};
+use scene::types::{Data, Image, Linear, Picture};
 
 use super::*;
 
@@ -14,6 +14,11 @@ echo '{"version": "2.6.0", "from": "A", "to": "B"}' > out/done.json"#;
 
 /// Runs the node with a stand-in that runs the given code.
 fn run(p: &RunOcio, code: &str) -> Result<(Out, Notes), NodeError> {
+    let image = Image::<Linear>::from_samples(2, 1, 4, vec![0.1, 0.2, 0.3, 1.0, 0.4, 0.2, 0.1, 0.5]);
+    run_on(p, code, image.into())
+}
+
+fn run_on(p: &RunOcio, code: &str, image: Picture) -> Result<(Out, Notes), NodeError> {
     let folder = tempfile::tempdir().expect("is made");
     let at = |name: &str| folder.path().join(name);
     std::fs::write(at("ocio.sh"), format!("#!/bin/sh\n{code}\n")).expect("is written");
@@ -23,7 +28,6 @@ fn run(p: &RunOcio, code: &str) -> Result<(Out, Notes), NodeError> {
     let root = SourceRoot::new(folder.path());
     let p = RunOcio { program: Some("./ocio.sh".to_owned()), ..p.clone() };
     let cx = Context::detached(scene, folder.path()).having_listed(&RunOcio::sources(&p, &root)?);
-    let image = Image::<Linear>::from_samples(2, 1, 4, vec![0.1, 0.2, 0.3, 1.0, 0.4, 0.2, 0.1, 0.5]);
     RunOcio::run(&p, In { image: Arc::new(Images::single("v", image)) }, &cx)
 }
 
@@ -61,6 +65,30 @@ fn the_result_has_the_encoding_of_its_space() {
         let (out, _) = run(&p, COPY).unwrap_or_else(|e| panic!("{e}"));
         assert_eq!(out.image.0[0].picture.encoding(), encoding);
     }
+}
+
+/// Files state sRGB. This test fails if the names of display or view are ignored, or if a space is taken for a display.
+#[test]
+fn displays_other_than_srgb_are_reported() {
+    let display = RunOcio { display: Some("D".to_owned()), ..RunOcio::default() };
+    let warned = |p: &RunOcio, to: &str| {
+        let (_, notes) =
+            run(p, &COPY.replace("\"B\"", &format!("\"{to}\""))).unwrap_or_else(|e| panic!("{e}"));
+        notes.iter().any(|note| note.id == "display-not-srgb")
+    };
+    assert!(warned(&display, "Display P3 - Display, Un-tone-mapped"));
+    assert!(!warned(&display, "sRGB - Display, Raw") && !warned(&display, "ACES, sRGB"));
+    assert!(!warned(&to("ACEScg"), "ACEScg"));
+}
+
+/// This test fails if data without a space is taken for linear Rec.709.
+#[test]
+fn data_needs_the_name_of_its_space() {
+    let data = || Image::<Data>::from_samples(1, 1, 3, vec![0.5; 3]).into();
+    let error = run_on(&to("ACEScg"), COPY, data()).err().expect("is refused");
+    assert!(error.message().contains("its space is not known"), "{error}");
+    let named = RunOcio { from: Some("log".to_owned()), ..to("ACEScg") };
+    assert!(run_on(&named, COPY, data()).is_ok());
 }
 
 /// This test fails if near names are left out, or if the mistake is not found.

@@ -28,8 +28,9 @@ fn numbers() -> impl FnMut() -> f64 {
     }
 }
 
-/// Cubes of 0.2 m in a plain room, 5 % of the area of the mesh, are debris from any eye. The room looks the same after a
-/// turn by 180 degrees, with which the views would not show the cubes: an earlier version reported the mesh as turned.
+/// Five cubes of 0.2 m in a plain room, 1.4 % of the area of the mesh, are debris from any of these eyes. The room looks the
+/// same after a turn by 180 degrees, with which the views would not show the cubes: an earlier version reported the mesh as
+/// turned.
 /// This test fails if `CLEARER` is -1 or `DEBRIS` is 0.006.
 #[test]
 fn cubes_in_a_plain_room_are_debris() {

@@ -1,8 +1,8 @@
 //! BSDFs: how surfaces scatter light.
 //!
-//! The receiver is matte, or a gloss over a matte layer. Objects have glTF materials: from top to bottom, a clearcoat, a sheen, and a base that is
-//! a mix of metal and dielectric, where the dielectric is a gloss over a matte, translucent or transparent layer.
-//! Each layer transmits the light that its directional albedo does not reflect, so that energy is conserved and
+//! The receiver is matte, or a gloss over a matte layer. Objects have glTF materials: from top to bottom, a clearcoat, a
+//! sheen, and a base that is a mix of metal and dielectric, where the dielectric is a gloss over a matte, translucent or
+//! transparent layer. Each layer transmits the light that its directional albedo does not reflect, so that energy is conserved and
 //! white surfaces absorb no light.
 //!
 //! The lobes form two classes. Each class is sampled separately and has its own weights against light samples,

@@ -138,7 +138,8 @@ impl<'a> Integrator<'a> {
         self.pass.touch_only && self.tally.touched
     }
 
-    /// Receiver surface at a hit that lies outside all bodies, seen from the unit direction `out`. Rays from it to objects start at the offset `lift`.
+    /// Receiver surface at a hit that lies outside all bodies, seen from the unit direction `out`. Rays from it to
+    /// objects start at the offset `lift`.
     pub(crate) fn receiver_surface(&self, hit: &Hit, out: Vec3, lift: Vec3) -> Surface {
         let surface = self.scene.receiver.surface(hit, out);
         let covers = || self.scene.objects.covers(surface.position + lift, surface.normal);
