@@ -389,6 +389,8 @@ mod tests {
         let wrong = |text| read(text).expect_err(text);
         assert!(wrong("Track([\"frame\", \"yow\"], [(0, 1)])").hints[0].contains("did you mean `yaw`?"));
         assert!(wrong("Track([\"frame\", \"file\"], [(0, 1)])").message.contains("needs an axis of numbers"));
+        let twice = wrong("Track([\"frame\", \"frame\"], [(0, 1)])").message;
+        assert_eq!(twice, "`Track` names the axis `frame` twice");
         assert!(wrong("Track([], [(0, 1)])").message.contains("needs the name of an axis"));
         assert_eq!(wrong("(1, Axis(\"yow\"))").span, 9..20);
         assert!(wrong("Axis(\"yow\")").hints[0].contains("did you mean `yaw`?"));
