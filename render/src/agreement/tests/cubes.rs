@@ -37,7 +37,9 @@ fn cubes_in_a_plain_room_are_debris() {
     let splats = splats_on(&room(), 0.17, 0.1, 0.0);
     let mut next = numbers();
     // Few places show the faults of the earlier version; two of those that follow do.
-    (0..156).for_each(|_| drop(next()));
+    for _ in 0..156 {
+        next();
+    }
     for trial in 0..12 {
         let mut mesh = Mesh::default();
         room().into_iter().for_each(|[corner, a, b]| add(&mut mesh, corner, a, b));
